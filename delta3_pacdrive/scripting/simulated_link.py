@@ -216,8 +216,7 @@ class SimulatedLink:
             'start_cycle': first,
             'end_cycle': self._end_cycle,
             'planned_end_m': task_end,
-            'figures': combined(self._figures).to_dict()
-            | ({} if (tool := self._robot.tool) is None else tool.to_dict()),
+            'figures': combined(self._figures).to_dict() | self._robot.turn_figures(),
             'faults': [],
             'unlearned': '',
         }

@@ -8,15 +8,19 @@ Arguments of the kernels here:
 ``cycle``
     Number of a bus cycle.
 ``motors``, ``torques``
-    Motor shaft commands [rad] and additive torque commands [N m], shape (3,).
+    Motor shaft commands [rad] and additive torque commands [N m], shape (axes,).
 ``plant``
     Array of one record ``PLANT``.
 ``answers``
-    Content of the AT: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
+    Content of the AT: rows of position [rad], speed [rad/s] and torque [N m], a column for each axis.
 ``task``, ``robot``
     Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
     Receives the signals in the order of ``NAMES``, shape (18, cycles, 3).
+``rotary``
+    For each rotary axis its rotations in the plan (``TurnTables``), array of one record ``control.cycle.ROTARY``, and
+    array that receives its signals, shape (6, cycles). The compiler cannot iterate over an empty tuple, so each loop is
+    within a condition, which it removes.
 """
 
 import math
@@ -27,29 +31,28 @@ import numpy as np
 
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.cycle import ControllerCycle, Stop, emergency_stop
+from delta3_pacdrive.control.cycle.rotary_axis import answer_turn, command_turn
 from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import FaultCode, RunError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.numerics.vector3 import triple
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters, numbered
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.robot.drive.diagnostics import fault_text
-from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
 from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.plant import true_tcp
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.optional_signals import OptionalSignals
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
-from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
-from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn, note_turn_command
+from delta3_pacdrive.simulation.rotary_signals import NAMES as TURN_NAMES
+from delta3_pacdrive.simulation.rotary_signals import note_turn, note_turn_command
 
 REST_S = 1.0  # time without torque in which the machine comes to rest
 ROOM_CYCLES = 1024  # initial size of the signals when the duration is unknown
@@ -102,7 +105,7 @@ def note_answers(cycle, answers, task, signals):
 
 
 @kernel
-def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals, tool):
+def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals, rotary):
     """Run bus cycles of motion only, up to one in which a status word changes.
 
     Parameters
@@ -117,8 +120,8 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         As in ``robot_cycle``.
     signals
         Receives the signals, shape (signals, cycles, 3), torques [N m] instead of currents.
-    tool
-        As in ``command_tool``, with signals of shape (6, cycles); None without a rotary axis.
+    rotary
+        As above.
 
     Returns
     -------
@@ -128,23 +131,29 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
     """
     first, end = cycles
     c, r = task[0], robot[0]
-    before = triple(r.status)
+    axes = ARMS + len(rotary)
+    motors, before = c.motors[:axes], r.status.copy()
     for k in range(first, end):
         command_cycle(k, task, timeline, corrections)
-        note_command(k, c.motors, c.torques, r.plant, signals)
-        for i in range(3):
+        note_command(k, motors, c.torques, r.plant, signals)
+        if len(rotary) > 0:
+            for turns, axis, found in rotary:
+                command_turn(k, task, timeline, turns, axis)
+                note_turn_command(k, axis, robot, found)
+        for i in range(axes):
             r.torques[i] = c.torques[i]
-        robot_cycle(c.motors, control, c.state.payload, robot, built, currents)
+        robot_cycle(motors, control, c.state.payload, robot, built, currents)
         note_currents(k, robot, signals)
-        changed = before != triple(r.status)
-        if tool is not None:
-            changed |= command_tool(k, control, task, timeline, r.plant[0].state.carried, tool)
-        if changed:
-            return k
+        for i in range(axes):
+            if r.status[i] != before[i]:
+                return k
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
-        if tool is not None:
-            answer_tool(k, task, tool)
+        if len(rotary) > 0:
+            for _, axis, found in rotary:
+                i = axis[0].constants.index
+                answer_turn(k, r.answers[0, i], r.answers[2, i], task, axis)
+                note_turn(k, axis, robot, found)
     return end
 
 
@@ -199,14 +208,14 @@ class SimulatedOperation:
             if fault.kind in PROCESS_FAULTS:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
-        if (robot.tool is None) != (not task.rotary):
-            raise RunError('controller and machine must both have a rotary axis, or none (rotary.present)')
+        if len(robot.rotary) != len(task.rotary):
+            raise RunError('controller and machine must have the same rotary axes (rotary.present)')
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
         self._names = parameters.axes
         room = task.last_cycle + 1 if task.end_cycle < NEVER else ROOM_CYCLES
         self._signals = np.empty((len(NAMES), room, 3))
-        self._turn_signals = np.empty((len(TURN_NAMES), room if robot.tool is not None else 0))
+        self._turn_signals = np.empty((len(robot.rotary), len(TURN_NAMES), room))
         self.cycle = 0
         self.stopped = self.stop_source = ''
         self.stop_cycle = self._fault_cycle = NEVER
@@ -240,11 +249,9 @@ class SimulatedOperation:
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
-        if self._robot.tool is not None:
-            signals |= {
-                name: signal[: self.cycle, None]
-                for name, signal in zip(TURN_NAMES, self._turn_signals, strict=True)
-            }
+        for number, of_axis in enumerate(self._turn_signals):
+            for name, signal in zip(TURN_NAMES, of_axis, strict=True):
+                signals[numbered(name, number)] = signal[: self.cycle, None]
         return signals | self._requested.signals(self._fault_cycle)
 
     def _end(self, cycle: int, rests: int) -> int:
@@ -257,16 +264,7 @@ class SimulatedOperation:
         return last + 1 if cycle == last or self._task.in_position(cycle - 1) else cycle + 1
 
     def _without_torque(self) -> bool:
-        return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._drives())
-
-    def _status(self) -> list[int]:
-        """Return the status words S-0-0135 of all drives."""
-        status, tool = self._robot.status.tolist(), self._robot.tool
-        return status if tool is None else [*status, tool.status]
-
-    def _drives(self) -> list[MC4]:
-        tool = self._robot.tool
-        return self._robot.drives if tool is None else [*self._robot.drives, tool.drive]
+        return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
 
     def _advance(self, cycle: int, end: int) -> int:
         """Run one bus cycle, or a stretch of motion only; return the next cycle."""
@@ -275,7 +273,7 @@ class SimulatedOperation:
         robot, task, axes = self._robot, self._task, self._axes
         one_by_one = robot.observed or bool(self._requested) or self._settles(cycle)
         one_by_one = one_by_one or self._world is not None
-        if after <= cycle or one_by_one or not axes.is_checked(self._status()):
+        if after <= cycle or one_by_one or not axes.is_checked(robot.status.tolist()):
             self._make_room(cycle + 1)
             self._requested.note_begin()
             self._begin(cycle)
@@ -285,15 +283,10 @@ class SimulatedOperation:
         after = min(after, max(2 * cycle, self._signals.shape[1]))
         self._make_room(after)
         robot.received[:] = 1
-        if robot.tool is not None:
-            robot.tool.record['received'] = 1
         machine = robot.record, robot.plant.built, robot.currents
         command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
-        reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._tool_parts()))
-        answers = robot.answers
-        if robot.tool is not None:
-            answers = np.column_stack([answers, robot.tool.answer])
-        axes.accept_cycles(reached - cycle, answers, self._status())
+        reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._rotary()))
+        axes.accept_cycles(reached - cycle, robot.answers, robot.status.tolist())
         if reached == after:
             task.commanded_to(after)
             return after
@@ -312,18 +305,14 @@ class SimulatedOperation:
             larger = np.empty((len(NAMES), max(cycles, 2 * room), 3))
             larger[:, :room] = self._signals
             self._signals = larger
-            if self._robot.tool is not None:
-                longer = np.empty((len(TURN_NAMES), larger.shape[1]))
-                longer[:, :room] = self._turn_signals
-                self._turn_signals = longer
+            longer = np.empty((*self._turn_signals.shape[:2], larger.shape[1]))
+            longer[:, :, :room] = self._turn_signals
+            self._turn_signals = longer
 
-    def _tool_parts(self) -> tuple[Any, ...] | None:
-        """Return the arguments of the compiled code for the rotary axis; None without one."""
-        tool = self._robot.tool
-        if tool is None:
-            return None
-        (axis,) = self._task.rotary
-        return axis.turns, axis.record, tool.record, tool.currents, self._turn_signals
+    def _rotary(self) -> tuple[Any, ...]:
+        """Return the ``rotary`` argument of the kernels."""
+        axes = zip(self._task.rotary, self._turn_signals, strict=True)
+        return tuple((axis.turns, axis.record, signals) for axis, signals in axes)
 
     def _begin(self, cycle: int) -> None:
         """Apply faults, command, and exchange telegrams with the simulated robot."""
@@ -332,8 +321,7 @@ class SimulatedOperation:
             self._change_faults(cycle)
         if self._world is not None:
             # outputs of the previous MDT are active now
-            turn_rad = 0.0 if robot.tool is None else robot.tool.axis.angle_rad
-            self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, turn_rad)
+            self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, robot.turn_rad)
         motors, torques, control, payload, _ = self._task.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:
@@ -341,27 +329,21 @@ class SimulatedOperation:
             payload = carried
             robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
-        received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors[:3], control, payload, received, torques[:3])
+        for _, axis, signals in self._rotary():
+            note_turn_command(cycle, axis, robot.record, signals)
+        received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in self._names]
+        robot.cycle(motors, control, payload, received, torques)
         note_currents(cycle, robot.record, self._signals)
-        if (tool := robot.tool) is not None:
-            (axis,) = self._task.rotary
-            tool.record['received'] = self._schedule.telegram(MDT_LOSSES, TOOL_DRIVE, cycle) is None
-            note_turn_command(cycle, axis.angle_rad, tool.record, self._turn_signals)
-            tool.cycle(motors[3], torques[3], control, float(robot.plant.state['carried'][0]))
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the feedback that reaches the master, and react to faults."""
-        answers, status = self._robot.answers, self._status()
+        robot, status = self._robot, self._robot.status.tolist()
         for changes, word in zip(self.drive_status, status, strict=False):
             if not changes or changes[-1][1] != word:
                 changes.append([cycle, word])
-        feedback: list[Sequence[float]] = answers.T.tolist()
-        if self._robot.tool is not None:
-            feedback.append(self._robot.tool.answer)
         received = [
             None if self._schedule.telegram(AT_LOSSES, axis, cycle) else (values, word)
-            for axis, values, word in zip(self._names, feedback, status, strict=True)
+            for axis, values, word in zip(self._names, robot.answers.T.tolist(), status, strict=True)
         ]
         if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)
@@ -369,24 +351,22 @@ class SimulatedOperation:
         stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
         if self._task.tracking.belts and self._world is not None:
             self._task.tracking.observe(cycle, readings(self._world))
-        note_answers(cycle, answers, self._task.record, self._signals)
-        if (parts := self._tool_parts()) is not None:
-            note_turn(cycle, parts)
+        note_answers(cycle, robot.record['answers'][0], self._task.record, self._signals)
+        for _, axis, signals in self._rotary():
+            note_turn(cycle, axis, robot.record, signals)
         late = stop is not None and stop.fault.code is FaultCode.NOT_IN_POSITION
         if stop is not None and (late or not self._must_succeed):
-            drives = self._drives()
-            causes = [f': {fault_text(drives[axis].fault)}' for axis in self._axes.faulty()]
+            causes = [f': {fault_text(robot.drives[axis].fault)}' for axis in self._axes.faulty()]
             self._stop(stop, ''.join(causes[:1]))
 
     def _change_faults(self, cycle: int) -> None:
         nominal = self._parameters.drive.dc_link_voltage_v
         changes, active = self._schedule.due(cycle), self._schedule.active
-        for axis, drive in zip(DRIVES, self._robot.drives, strict=True):
+        for axis, drive in zip(self._names, self._robot.drives, strict=True):
             apply_to_drive(drive.state[0], axis, changes, active, nominal)
         apply_to_plant(self._robot.plant.state[0], changes, active)
-        if (tool := self._robot.tool) is not None:
-            apply_to_drive(tool.drive.state[0], TOOL_DRIVE, changes, active, nominal)
-            apply_to_motors(tool.axis.state[0], active, (TOOL_DRIVE,))
+        for axis, plant in zip(self._names[ARMS:], self._robot.rotary, strict=True):
+            apply_to_motors(plant.state[0], active, (axis,))
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))
@@ -400,7 +380,7 @@ class SimulatedOperation:
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:
-        for axis, word, drive in zip(self._names, status, self._drives(), strict=True):
+        for axis, word, drive in zip(self._names, status, self._robot.drives, strict=True):
             if not in_torque(word):
                 why = fault_text(drive.fault) if drive.fault else drive.drive_state.name.lower()
                 raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {why}')

@@ -10,7 +10,7 @@ import numpy as np
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.recording.signals import OF_CELLS, OF_DRIVES, OUTPUT_COLUMNS, columns_of
 from delta3_pacdrive.robot.drive.channels import channel_named
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
@@ -37,7 +37,7 @@ class OptionalSignals:
     def __init__(
         self, names: Sequence[str], robot: Robot, parameters: Parameters, world: World | None = None
     ) -> None:
-        self._drives, self._parameters, self._world = robot.drives, parameters, world
+        self._drives, self._parameters, self._world = robot.drives[:ARMS], parameters, world
         self._of_cell: dict[str, list[list[float]]] = {
             name: [] for name in names if name.startswith(OF_CELLS) and world is not None
         }

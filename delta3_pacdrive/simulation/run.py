@@ -11,7 +11,7 @@ from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, flat_document, numbered
+from delta3_pacdrive.parameters import ARMS, Parameters, flat_document, numbered
 from delta3_pacdrive.planning import plan_times, program_planner
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.planning.program.model import Program
@@ -147,7 +147,7 @@ def run(
         'start_cycle': parameters.motion.start_cycle,
         'end_cycle': task.end_cycle,
         'planned_end_m': planned.plan.end_m().tolist(),
-        'figures': task.figures().to_dict() | ({} if robot.tool is None else robot.tool.to_dict()),
+        'figures': task.figures().to_dict() | robot.turn_figures(),
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'unlearned': task.learned.reason,
     }
@@ -156,7 +156,7 @@ def run(
 
 def note_currents(robot: Robot, task: Transformation) -> None:
     """Set the currents of the task to those that the drives formed of all samples of the program."""
-    for axis, drive in enumerate(robot.drives):
+    for axis, drive in enumerate(robot.drives[:ARMS]):
         task.current_peak[axis], task.current_rms[axis] = drive.program_current()
 
 

@@ -1,6 +1,6 @@
 """A robot with oscilloscopes in its drives, run exchange by exchange as in the nodes, with identical results."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,14 +8,13 @@ from numpy.typing import ArrayLike
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import ARMS as TOOL
-from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.recording.acquisition import Acquisition
-from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_run_period
+from delta3_pacdrive.robot.drive.bus_drive import own_parameters
+from delta3_pacdrive.robot.drive.mc4 import mc4_run_period
 from delta3_pacdrive.robot.drive.scope import Block, DriveScope
 from delta3_pacdrive.robot.sercos.configuration_check import NO_TOOL_DRIVE
 from delta3_pacdrive.simulation.robot import Robot
-from delta3_pacdrive.simulation.tool_axis import ToolDrive
 
 
 class ScopedRobot(Robot):
@@ -31,7 +30,7 @@ class ScopedRobot(Robot):
     Raises
     ------
     ParameterError
-        A channel belongs to the rotary axis, and the robot has none.
+        A channel belongs to a rotary axis that the robot does not have.
 
     """
 
@@ -42,40 +41,33 @@ class ScopedRobot(Robot):
         self._cycle = 0
         self._acquisition, self._setting = acquisition, acquisition.setting
         self._parameters = parameters
-        if self.tool is not None:
-            self.tool = _ScopedTool(parameters, self._run)
+        if any(axis >= len(self.drives) for axis in self._setting.axes):
+            raise ParameterError(NO_TOOL_DRIVE)
         self._scopes = {axis: self._scope(axis) for axis in self._setting.axes}
 
     def _scope(self, axis: int) -> DriveScope:
         def hand_over(block: Block) -> None:
             self._acquisition.add(axis, block)
 
-        drive, own = self._drive(axis), self._parameters
-        parameters = own if axis != TOOL else rotary_axis_parameters(own, 0)
-        setting = self._setting
+        parameters, _ = own_parameters(self._parameters, axis)
+        drive, setting = self.drives[axis], self._setting
         return DriveScope(drive, setting.of_axis(axis), setting.decimation, lambda: parameters, hand_over)
-
-    def _drive(self, axis: int) -> MC4:
-        if axis != TOOL:
-            return self.drives[axis]
-        if self.tool is None:
-            raise ParameterError(NO_TOOL_DRIVE)
-        return self.tool.drive
 
     def cycle(
         self,
         commands: Floats,
         control: int,
         payload_kg: float | None = None,
-        received: Sequence[bool] = (True, True, True),
+        received: bool | Sequence[bool] = True,
         torques: ArrayLike = 0.0,
     ) -> None:
         """Run one bus cycle as ``Robot.cycle``, with the oscilloscopes."""
         r = self.record[0]
         self.take_payload(float(r['next_payload']) if payload_kg is None else payload_kg)
-        exchanges, additive = int(r['exchanges']), np.broadcast_to(torques, 3).tolist()
-        for i, (drive, shaft) in enumerate(zip(self.drives, self._shafts(), strict=True)):
-            if received[i]:
+        exchanges, axes = int(r['exchanges']), len(commands)
+        additive, arrives = np.broadcast_to(torques, axes).tolist(), np.broadcast_to(received, axes)
+        for i, (drive, shaft) in enumerate(zip(self.drives[:axes], self.shafts(), strict=False)):
+            if arrives[i]:
                 self.status[i] = drive.begin_cycle(
                     commands[i], control, shaft[0], shaft[1], shaft[2], torque=additive[i]
                 )
@@ -83,45 +75,24 @@ class ScopedRobot(Robot):
                 self.status[i] = drive.extrapolate_cycle(*shaft)
             self.answers[:, i] = drive.answer
         for exchange in range(self._cycle * exchanges, (self._cycle + 1) * exchanges):
-            shafts = self._shafts()
+            shafts = self.shafts()[:axes]
             released = [self._run(exchange, i, shaft) for i, shaft in enumerate(shafts)]
-            self.plant.advance(self.currents, released, self.payload)
+            self.plant.advance(self.currents, released[:ARMS], self.payload)
+            carried = float(self.plant.state['carried'][0])
+            for axis, brake_released in zip(self.rotary, released[ARMS:], strict=False):
+                axis.advance(self.currents, brake_released, carried)
         self._cycle += 1
-
-    def _shafts(self) -> list[list[float]]:
-        values = self.plant.shafts()
-        return [values[i::3] for i in range(3)]
 
     def _run(self, exchange: int, i: int, shaft: Sequence[float]) -> bool:
         if i in self._scopes and not self._acquisition.done:
             return self._scopes[i].run_period(exchange, *shaft)
-        return self._drive(i).run_period(*shaft)
+        return self.drives[i].run_period(*shaft)
 
     def finish(self) -> None:
         """Hand over the remaining samples of the oscilloscopes."""
         for scope in self._scopes.values():
             scope.flush()
         self._acquisition.finish()
-
-
-class _ScopedTool(ToolDrive):
-    """The drive of the rotary axis of a ``ScopedRobot``; ``run`` is ``ScopedRobot._run``."""
-
-    def __init__(self, parameters: Parameters, run: Callable[[int, int, Sequence[float]], bool]) -> None:
-        super().__init__(parameters)
-        self._run, self._exchange = run, 0
-
-    def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
-        """Run one bus cycle as ``ToolDrive.cycle``, with its oscilloscope."""
-        r, shaft = self.record[0], self.axis.shaft()
-        if r['received']:
-            r['status'] = self.drive.begin_cycle(command_rad, control, *shaft, torque=torque_n_m)
-        else:
-            r['status'] = self.drive.extrapolate_cycle(*shaft)
-        for _ in range(int(r['exchanges'])):
-            released = self._run(self._exchange, TOOL, self.axis.shaft())
-            self.axis.advance(self.currents, released, payload_kg)
-            self._exchange += 1
 
 
 FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')  # fields of a drive's state
@@ -139,13 +110,13 @@ def run_recorded_exchange(row, shafts, words, added, robot, currents, found, lef
     shafts
         True shafts at the start: three positions [rad], three speeds [rad/s], three coupling torques d [N m].
     words
-        States of the drives as numbers, one word each, shape (3, words).
+        States of the drives as numbers, one word each, shape (axes, words).
     added
         Indices of the words to add to, factors, number of the drive, and a value for each period.
     robot
         Array of one record ``ROBOT``; ``brakes`` is set.
     currents
-        Receives the motor currents of an exchange period [A], shape (steps, 3).
+        Receives the motor currents of an exchange period [A], shape (steps, axes).
     found, left
         Indices of the words recorded at the start (``FOUND``) and at the end of each period, and the arrays that
         receive them, shape (fields, samples, 3).

@@ -6,7 +6,7 @@ import pytest
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.robot.plant.plant import Plant
-from delta3_pacdrive.robot.plant.tool_axis import ToolAxis
+from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene.joints import joints
@@ -168,10 +168,10 @@ def test_a_home_out_of_reach_is_refused(robot):
 def turned_by_plant(robot, torque, steps):
     """Angle and speed of the tool of the plant after as many current samples under a torque, from home and at rest."""
     current = torque / (robot.rotary.gear_ratio * robot.rotary.torque_constant_n_m_a)
-    axis = ToolAxis(robot)
+    axis = RotaryPlant(robot, 0)
     axis.state['brake_locked'], axis.state['brake_share'] = 0, 0.0
     axis.state['current'] = current
-    axis.advance(np.full((steps, 1), current), True, robot.dynamics.payload_mass_kg)
+    axis.advance(np.full((steps, 4), current), True, robot.dynamics.payload_mass_kg)
     return axis.angle_rad, axis.shaft()[1] / robot.rotary.gear_ratio
 
 

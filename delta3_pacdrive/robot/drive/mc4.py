@@ -234,9 +234,11 @@ class MC4:
     axis
         Index of the drive, 0 to 2; each has its own sensors.
     shared
-        Records ``DRIVE``, shape (3,), and currents, shape (steps, 3), of a robot whose compiled loop runs all drives.
+        Records ``DRIVE``, and currents, shape (steps, axes), of a robot whose compiled loop runs all drives.
     constants
         From ``drive_constants``; computed if None.
+    place
+        Index in ``shared``; None: ``axis``.
 
     Attributes
     ----------
@@ -258,9 +260,11 @@ class MC4:
         axis: int = 0,
         shared: tuple[NDArray[Any], Floats] | None = None,
         constants: NDArray[Any] | None = None,
+        place: int | None = None,
     ) -> None:
         constants = drive_constants(parameters) if constants is None else constants
-        self._place = place = 0 if shared is None else axis
+        place = axis if place is None else place
+        self._place = place = 0 if shared is None else place
         self._drives, self._currents = shared or (
             np.zeros(1, DRIVE),
             np.zeros((int(constants['steps_per_exchange'][0]), 1)),

@@ -10,15 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.robot.faults.effects import apply_to_motors, apply_to_plant
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.plant.plant import Plant
-from delta3_pacdrive.robot.plant.tool_axis import ToolAxis
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
 
 REST_S = 1.0
-ARMS = len(DRIVES)
 OUTPUTS_AHEAD_MAX = 64  # largest lead of an MDT over the plant [bus cycles]
 
 
@@ -73,7 +71,8 @@ class PlantClock:
     ) -> None:
         bus = parameters.bus
         self._plant = Plant(parameters)
-        self._tool = ToolAxis(parameters) if parameters.rotary.present else None
+        self._axes = parameters.axes
+        self._rotary = [RotaryPlant(parameters, number) for number in range(len(self._axes) - ARMS)]
         self._faults, self._publish, self._around = faults, publish, around
         self._carried: float | None = None  # true payload, if known
         self._waits = True  # for the outputs of the previous MDT, if there is a cell
@@ -81,10 +80,10 @@ class PlantClock:
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._rest_cycles = math.ceil(REST_S / bus.cycle_time_s)
         self.samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
-        self._matrix, self._of_tool = np.zeros((self.samples, ARMS)), np.zeros((self.samples, 1))
-        self._columns = [*self._matrix.T, *([] if self._tool is None else self._of_tool.T)]
+        self._matrix = np.zeros((self.samples, len(self._axes)))
+        self._columns = list(self._matrix.T)
         self._no_currents = (0.0,) * self.samples
-        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{} for _ in parameters.axes]
+        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{} for _ in self._axes]
         self._payload: float | None = None
         self.powerless: set[int] = set()
 
@@ -100,14 +99,11 @@ class PlantClock:
 
     def shafts(self) -> Sequence[float]:
         """Return the true shafts: positions [rad], speeds [rad/s] and coupling torques d [N m], by axis."""
-        arms = self._plant.shafts()
-        if self._tool is None:
-            return arms
-        return [
-            value
-            for row, of_tool in enumerate(self._tool.shaft())
-            for value in (*arms[ARMS * row : ARMS * (row + 1)], of_tool)
-        ]
+        shafts = self._plant.shafts()
+        for count, axis in enumerate(self._rotary, ARMS + 1):
+            for row, value in enumerate(axis.shaft(), 1):
+                shafts.insert(count * row - 1, value)  # at the end of the row of this quantity
+        return shafts
 
     def begin(self, exchange: int) -> None:
         """Start cyclic operation; bus time never decreases."""
@@ -196,12 +192,12 @@ class PlantClock:
         if self.exchange >= self._faults.next_cycle * self._per_cycle:
             changes = self._faults.due(self.cycle)
             apply_to_plant(self._plant.state[0], changes, self._faults.active)
-            if self._tool is not None:
-                apply_to_motors(self._tool.state[0], self._faults.active, (TOOL_DRIVE,))
+            for rotary, name in zip(self._rotary, self._axes[ARMS:], strict=True):
+                apply_to_motors(rotary.state[0], self._faults.active, (name,))
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
                 self._around.drop_part()
         if self._around is not None and not self.exchange % self._per_cycle:
-            turn_rad = 0.0 if self._tool is None else self._tool.angle_rad
+            turn_rad = sum((axis.angle_rad for axis in self._rotary), 0.0)
             self._carried = self._around.step(self.cycle, self._plant.tcp().tolist(), turn_rad)
         brakes = []
         for index, (column, waiting) in enumerate(zip(self._columns, self._currents, strict=True)):
@@ -215,7 +211,7 @@ class PlantClock:
             brakes.append(released)
         payload = self._payload if self._carried is None else self._carried
         self._plant.advance(self._matrix, brakes[:ARMS], payload)
-        if self._tool is not None:
-            self._tool.advance(self._of_tool, brakes[ARMS], float(self._plant.state['carried'][0]))
+        for axis, released in zip(self._rotary, brakes[ARMS:], strict=True):
+            axis.advance(self._matrix, released, float(self._plant.state['carried'][0]))
         self.exchange += 1
         self._publish(self.exchange, self.shafts())

@@ -11,7 +11,7 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.robot.drive.arrays import words_of_state
@@ -69,8 +69,8 @@ class Oscilloscope:
 
     def __init__(self, robot: Robot, samples: int, left: Sequence[str] = (), added: Added = NOTHING) -> None:
         self._robot = robot
-        self._words = robot.record['drives'][0].view(np.float64).reshape(3, -1)
-        self._brakes = robot.record['brakes'][0]
+        self._words = robot.record['drives'][0].view(np.float64).reshape(len(robot.record['drives'][0]), -1)
+        self._brakes = robot.record['brakes'][0, :ARMS]
         self._found = _places(FOUND), np.empty((len(FOUND), samples, 3))
         self._left = _places(left), np.empty((len(left), samples, 3))
         factors = np.array([factor for _, factor in added.fields], dtype=np.float64)
@@ -88,7 +88,7 @@ class Oscilloscope:
         return [
             drive.begin_cycle(command, control, position, speed, coupling, torque=torque)
             for drive, command, torque, (position, speed, coupling) in zip(
-                self._robot.drives, commands, torques, shafts, strict=True
+                self._robot.drives, commands, torques, shafts, strict=False
             )
         ]
 
@@ -99,7 +99,7 @@ class Oscilloscope:
         run_recorded_exchange(
             self._row, shafts, self._words, self._added, robot.record, robot.currents, self._found, self._left
         )
-        robot.plant.advance(robot.currents, self._brakes, payload_kg)
+        robot.plant.advance(robot.currents, self._brakes.tolist(), payload_kg)
         self._row += self.per_exchange
 
     def signals(self) -> dict[str, Floats]:
@@ -163,11 +163,11 @@ def run(
         command = task.command(cycle)
         robot.take_payload(command.payload)
         status = scope.begin_cycle(command.motors, command.control, command.torques)
-        for i, drive in enumerate(robot.drives):
+        for i, drive in enumerate(robot.drives[:ARMS]):
             answers[cycle, :, i] = drive.answer
         for _ in range(steps // scope.per_exchange):
             scope.exchange(robot.payload)
-        if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
+        if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives[:ARMS]):
             raise RunError(f'a drive has no torque in bus cycle {cycle}, status {status}')
         tcp_error[cycle] = task.receive(cycle, answers[cycle, 0], answers[cycle, 2])['tcp_error']
         if cycle % PROGRESS_EVERY == 0:

@@ -12,7 +12,7 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import INERTIA, Parameters
+from delta3_pacdrive.parameters import ARMS, INERTIA, Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.drive.arrays import DriveState
 from delta3_pacdrive.robot.drive.diagnostics import fault_text
@@ -122,7 +122,7 @@ class _TurningRobot:
         """Enable the drives at standstill, then set the speed."""
         for _ in range(ENABLING_CYCLES_MAX):
             self.run(np.zeros(self._per_cycle))
-            if all(drive.drive_state == DriveState.ENABLED for drive in self._robot.drives):
+            if all(drive.drive_state == DriveState.ENABLED for drive in self._robot.drives[:ARMS]):
                 break
         else:
             raise RunError('a drive could not be enabled')
@@ -136,7 +136,7 @@ class _TurningRobot:
         for k in range(0, len(added), scope.per_exchange):
             if self._step % self._per_cycle == 0:
                 scope.begin_cycle(self._commands.tolist(), CONTROL_ENABLE)
-                for name, drive in zip(DRIVES, self._robot.drives, strict=True):
+                for name, drive in zip(DRIVES, self._robot.drives, strict=False):
                     if drive.fault:
                         raise RunError(f'{name} of the robot: {fault_text(drive.fault)}')
                 self._commands += self._speed * cycle_s

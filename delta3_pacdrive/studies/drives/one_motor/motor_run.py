@@ -12,7 +12,7 @@ from delta3_pacdrive import simulation
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.robot import motor as motors
@@ -86,8 +86,9 @@ def run(program: Program, parameters: Parameters, axis: int, on_progress: OnProg
     scope = Oscilloscope(machine, cycles * robot.steps, LEFT)
     commands = np.empty((cycles, 3))
     for cycle in range(cycles):
-        commands[cycle] = task.command(cycle)
-        status = scope.begin_cycle(commands[cycle], task.control(cycle), task.torques)
+        command = task.command(cycle)
+        commands[cycle] = command.motors[:ARMS]
+        status = scope.begin_cycle(commands[cycle], command.control, command.torques)
         for _ in range(robot.steps // per_exchange):
             scope.exchange()
         if cycle >= single.motion.start_cycle and not machine.drives[axis - 1].powered:

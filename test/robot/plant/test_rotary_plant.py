@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.robot.plant.tool_axis import ToolAxis
+from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
 
 STEPS = 16  # of current in an exchange period
 STEP = 1e-4  # relative: a midpoint step against a closed form
@@ -28,16 +28,16 @@ def with_bar_that_gives(robot, **values):
 
 def released(robot, speed_rad_s=0.0, payload_kg=0.0):
     """Return an axis whose brake has opened, with a speed of the motor shaft, and its tool with it."""
-    axis = ToolAxis(robot)
+    axis = RotaryPlant(robot, 0)
     steps = math.ceil(robot.motor.brake_release_s / robot.drive.current_period_s) + 1
-    axis.advance(np.zeros((steps, 1)), True, payload_kg)
+    axis.advance(np.zeros((steps, 4)), True, payload_kg)
     axis.state['rate'] = speed_rad_s
     axis.state['turning'] = speed_rad_s / robot.rotary.gear_ratio
     return axis
 
 
 def run(axis, seconds, current_a=0.0, payload_kg=0.0, step_s=62.5e-6):
-    axis.advance(np.full((round(seconds / step_s), 1), current_a), True, payload_kg)
+    axis.advance(np.full((round(seconds / step_s), 4), current_a), True, payload_kg)
 
 
 def energy_j(axis, robot):
@@ -152,8 +152,8 @@ def test_an_applied_brake_holds_the_axis_up_to_its_torque(robot):
     machine = with_axis(robot, **FREE)
     holds = machine.rotary.brake_torque_n_m / machine.rotary.torque_constant_n_m_a
     for current, moves in ((0.99 * holds, False), (1.01 * holds, True)):
-        axis = ToolAxis(machine)
-        axis.advance(np.full((STEPS, 1), current), False, 0.0)
+        axis = RotaryPlant(machine, 0)
+        axis.advance(np.full((STEPS, 4), current), False, 0.0)
         assert (axis.shaft()[1] != 0.0) == moves
 
 
@@ -161,22 +161,22 @@ def test_a_brake_stops_the_axis_after_its_time(robot):
     machine = with_axis(robot, **FREE)
     axis = released(machine, 50.0)
     delay = machine.motor.brake_apply_s
-    axis.advance(np.zeros((round(delay / 62.5e-6) - 1, 1)), False, 0.0)
+    axis.advance(np.zeros((round(delay / 62.5e-6) - 1, 4)), False, 0.0)
     assert axis.shaft()[1] == 50.0
     falls = 50.0 * machine.rotary.shaft_inertia_kg_m2(0.0) / machine.rotary.brake_torque_n_m
-    axis.advance(np.zeros((math.ceil(falls / 62.5e-6) + 3, 1)), False, 0.0)
+    axis.advance(np.zeros((math.ceil(falls / 62.5e-6) + 3, 4)), False, 0.0)
     assert axis.shaft()[1] == 0.0
     assert axis.state['brake_locked'][0] == 1
 
 
 def test_the_axis_stands_at_its_home(robot):
     machine = with_axis(robot, home_deg=30.0)
-    axis = ToolAxis(machine)
+    axis = RotaryPlant(machine, 0)
     assert axis.angle_rad == pytest.approx(math.radians(30.0), rel=1e-12)
     assert axis.shaft()[0] == axis.angle_rad * machine.rotary.gear_ratio
 
 
 def test_only_a_built_robot_has_a_bar_that_gives(robot):
     rich = parameters.load('rich').replace(rotary__present=True)
-    assert ToolAxis(rich).record['constants']['elastic'][0] == 1
-    assert ToolAxis(with_axis(robot)).record['constants']['elastic'][0] == 0
+    assert RotaryPlant(rich, 0).record['constants']['elastic'][0] == 1
+    assert RotaryPlant(with_axis(robot), 0).record['constants']['elastic'][0] == 0

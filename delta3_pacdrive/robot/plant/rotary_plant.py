@@ -1,7 +1,7 @@
-"""Rotary axis of the tool: motor and brake on the base plate, gear, telescopic bar, tool and payload.
+"""A rotary axis of the tool: motor and brake on the base plate, gear, telescopic bar, tool and payload.
 
-The bar transmits the angle without error, and axis and arms do not affect each other. With a rigid bar, as in the
-nominal robot,
+The bar transmits the angle without error. Axis and arms do not affect each other, nor do two rotary axes. With a rigid
+bar, as in the nominal robot,
 
     (I_m + J / k^2) w' = K_m I - F_s tanh(w / w_s) - F_v w - load
 
@@ -10,8 +10,8 @@ a spring with backlash. A step is an explicit midpoint step, as for the arms.
 
 Arguments of the kernels, in addition to those of ``arrays``:
 
-``tool``
-    Array of one record ``TOOL_PLANT``, shape (1,).
+``rotary``, ``number``
+    Array of records ``ROTARY_PLANT``, and an index.
 ``p``
     That record; its motor is ``m``.
 ``torque``
@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
+from delta3_pacdrive.parameters import ARMS, AXES_MAX, Parameters, rotary_axis_parameters
 from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
 from delta3_pacdrive.robot.plant.brake import advance_brake, caught_speed
 from delta3_pacdrive.robot.plant.built_robot import STEP_ANGLE, STEP_DECAY, gear_torque
 
-TOOL_STATE = np.dtype(
+STATE = np.dtype(
     [
         ('shaft', 'f8'),  # [rad], motor
         ('rate', 'f8'),  # [rad/s], motor
@@ -61,7 +61,7 @@ TOOL_STATE = np.dtype(
     align=True,
 )
 
-TOOL_CONSTANTS = np.dtype(
+CONSTANTS = np.dtype(
     [
         ('gear_ratio', 'f8'),
         ('step', 'f8'),
@@ -81,10 +81,10 @@ TOOL_CONSTANTS = np.dtype(
     align=True,
 )
 
-TOOL_PLANT = np.dtype(
+ROTARY_PLANT = np.dtype(
     [
-        ('state', TOOL_STATE),
-        ('constants', TOOL_CONSTANTS),
+        ('state', STATE),
+        ('constants', CONSTANTS),
         ('motor', MOTOR),
         # motor side: position [rad], speed [rad/s], coupling torque d [N m]
         ('shaft', 'f8', (3,)),
@@ -93,11 +93,11 @@ TOOL_PLANT = np.dtype(
 )
 
 
-def tool_constants(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``TOOL_CONSTANTS``."""
-    rotary, axis = parameters.rotary, rotary_axis_parameters(parameters, 0)
+def rotary_constants(parameters: Parameters, number: int) -> NDArray[Any]:
+    """Return one record of ``CONSTANTS`` of rotary axis ``number``, from 0."""
+    rotary, axis = parameters.rotary_axes[number], rotary_axis_parameters(parameters, number)
     step, drive = axis.drive.current_period_s, axis.drive
-    record = np.zeros(1, TOOL_CONSTANTS)
+    record = np.zeros(1, CONSTANTS)
     record['gear_ratio'] = gear = rotary.gear_ratio
     record['step'], record['substeps'] = step, 1
     record['rotor'] = rotary.rotor_inertia_kg_m2
@@ -186,59 +186,60 @@ def _coupling(p):
 
 
 @kernel
-def advance_tool(currents, brake, payload_kg, tool):
+def advance_rotary(currents, i, brake, payload_kg, rotary, number):
     """Integrate the axis through the currents of an exchange period, and fill its ``shaft``.
 
     Parameters
     ----------
-    currents
-        Motor currents [A rms] at the end of each step, shape (steps, 1).
+    currents, i
+        Motor currents [A rms] of all axes at the end of each step, shape (steps, axes), and the column of this one.
     brake
         Brake output of the drive, 1 = release, valid from the start on.
     payload_kg
         Payload [kg], from the start on; it rotates with the tool.
-    tool
-        Array of one record ``TOOL_PLANT``.
+    rotary, number
+        As above.
 
     """
-    p = tool[0]
+    p = rotary[number]
     s, c = p.state, p.constants
     s.brake_command[0] = brake
     s.inertia = c.tool_inertia + c.part_inertia * payload_kg
     for k in range(currents.shape[0]):
         advance_brake(0, s.rate, s, c)
-        _step(s.current, currents[k, 0], p)
-        s.current = currents[k, 0]
+        _step(s.current, currents[k, i], p)
+        s.current = currents[k, i]
     s.coupling = _coupling(p)
     p.shaft[0], p.shaft[1], p.shaft[2] = s.shaft, s.rate, s.coupling
 
 
-class ToolAxis:
-    """The rotary axis, initially at ``rotary.home_deg`` with its brake applied.
+class RotaryPlant:
+    """Rotary axis ``number``, from 0, initially at its home angle with its brake applied.
 
     Parameters
     ----------
-    parameters
-        Parameters of a robot with a rotary axis.
+    parameters, number
+        Parameters of a robot with this rotary axis.
     record
-        Array of one record ``TOOL_PLANT`` to use, shape (1,); created if None.
+        Array of one record ``ROTARY_PLANT`` to use, shape (1,); created if None.
 
     """
 
-    def __init__(self, parameters: Parameters, record: NDArray[Any] | None = None) -> None:
-        self.record = record = np.zeros(1, TOOL_PLANT) if record is None else record
+    def __init__(self, parameters: Parameters, number: int, record: NDArray[Any] | None = None) -> None:
+        self._index = ARMS + number
+        self.record = record = np.zeros(1, ROTARY_PLANT) if record is None else record
         self.state: NDArray[Any] = record['state']
-        record['constants'] = tool_constants(parameters)
-        record['motor'] = motor(rotary_axis_parameters(parameters, 0))
-        state, rotary = self.state, parameters.rotary
+        record['constants'] = rotary_constants(parameters, number)
+        record['motor'] = motor(rotary_axis_parameters(parameters, number))
+        state, rotary = self.state, parameters.rotary_axes[number]
         state['angle'] = rotary.home_rad
         state['shaft'] = rotary.home_rad * rotary.gear_ratio
         state['brake_locked'], state['brake_share'] = 1, 1.0
-        self.advance(np.empty((0, 1)), False, parameters.dynamics.payload_mass_kg)
+        self.advance(np.empty((0, AXES_MAX)), False, parameters.dynamics.payload_mass_kg)
 
     def advance(self, currents: Floats, brake_released: bool, payload_kg: float) -> None:
-        """Integrate one exchange period: see ``advance_tool``."""
-        advance_tool(currents, int(brake_released), payload_kg, self.record)
+        """Integrate one exchange period with the ``currents`` [A rms] of all axes; see ``advance_rotary``."""
+        advance_rotary(currents, self._index, int(brake_released), payload_kg, self.record, 0)
 
     def shaft(self) -> tuple[float, float, float]:
         """Motor shaft: position [rad], speed [rad/s], coupling torque d [N m]."""
@@ -247,5 +248,5 @@ class ToolAxis:
 
     @property
     def angle_rad(self) -> float:
-        """True angle of the tool."""
+        """True angle of the tool by this axis."""
         return float(self.state['angle'][0])

@@ -320,7 +320,7 @@ def test_a_fault_of_an_axis_that_is_not_there_is_refused(machine):
 
 def test_controller_and_machine_must_both_have_the_axis(machine):
     without = machine.replace(rotary__present=False)
-    with pytest.raises(RunError, match='must both have a rotary axis, or none'):
+    with pytest.raises(RunError, match='must have the same rotary axes'):
         SimulatedOperation(Robot(without), Transformation(machine), (), machine)
 
 
