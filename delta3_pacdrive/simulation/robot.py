@@ -42,7 +42,7 @@ ROBOT = np.dtype(
 
 @kernel
 def _shaft(i, r):
-    """Motor shaft of an axis: position [rad], speed [rad/s], coupling torque d [N m]."""
+    """Motor shaft of axis ``i`` of the record ``r``: position [rad], speed [rad/s], coupling torque d [N m]."""
     shafts, own = r.plant[0].shafts, r.rotary[max(i - ARMS, 0)].shaft
     if i < ARMS:
         return shafts[i], shafts[3 + i], shafts[6 + i]
