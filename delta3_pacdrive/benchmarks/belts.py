@@ -114,15 +114,15 @@ def run_row(speed_m_s: float, rate_per_min: float, seconds: float, parameters: P
     several = len(released) > 1
     off = np.array([np.hypot(*one['pick_error_m'][:2]) for one in placed])
     return Row(
-        speed_m_s,
-        rate_per_min,
-        len(placed),
-        tried + left,
-        60.0 * (len(released) - 1) / float(released[-1] - released[0]) if several else None,
-        float(np.diff(released).min()) if several else None,
-        float(np.sqrt(np.mean(off**2))) if len(off) else None,
-        float(off.max()) if len(off) else None,
-        (WINDOW_M[1] - WINDOW_M[0]) / speed_m_s,
+        speed_m_s=speed_m_s,
+        rate_per_min=rate_per_min,
+        picked=len(placed),
+        offered=tried + left,
+        picks_per_min=60.0 * (len(released) - 1) / float(released[-1] - released[0]) if several else None,
+        cycle_s=float(np.diff(released).min()) if several else None,
+        error_rms_m=float(np.sqrt(np.mean(off**2))) if len(off) else None,
+        error_max_m=float(off.max()) if len(off) else None,
+        stay_s=(WINDOW_M[1] - WINDOW_M[0]) / speed_m_s,
     )
 
 

@@ -14,7 +14,7 @@ from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.cell.cell import Cell
 from delta3_pacdrive.errors import LineError, ScriptError
 from delta3_pacdrive.scripting.simulation import Simulation, simulate
-from delta3_pacdrive.studies.fleet.line.design import Line, LineRobot
+from delta3_pacdrive.studies.fleet.line.design import Line, LineRobot, PartKind
 from delta3_pacdrive.studies.fleet.line.shift import BeltShift
 
 BEFORE_M = 1.5  # length of the belt upstream of the robot
@@ -73,12 +73,11 @@ def replay(
             due = now + float(belt.start_s[part]) - began
             along = speed * (began - belt.parts.enters_s[part]) - station.at_m + BEFORE_M - way
             queued = QueuedPart('', float(along), float(belt.parts.across_m[part]), belt=BELT)
-            kind = line.kinds[belt.parts.kind[part]]
             if simulated.state().time_s < due:
                 simulated.wait_until(due)
             start, missed = simulated.state().time_s, ''
             try:
-                _pick(simulated, line, station, queued, kind.height_m, kind.mass_kg)
+                _pick(simulated, line, station, queued, line.kinds[belt.parts.kind[part]])
             except ScriptError as error:
                 missed = str(error)
             took = float('nan') if missed else simulated.state().time_s - start
@@ -86,19 +85,17 @@ def replay(
     return found
 
 
-def _pick(
-    robot: Simulation, line: Line, station: LineRobot, part: QueuedPart, height_m: float, mass_kg: float
-) -> None:
+def _pick(robot: Simulation, line: Line, station: LineRobot, part: QueuedPart, kind: PartKind) -> None:
     limits = {
         'speed_m_s': line.limits.speed_m_s,
         'acceleration_m_s2': line.limits.acceleration_m_s2,
         'jerk_m_s3': line.limits.jerk_m_s3,
     }
-    above, top = [0.0, 0.0, MM * (height_m + line.above_m)], [0.0, 0.0, MM * height_m]
+    above, top = [0.0, 0.0, MM * (kind.height_m + line.above_m)], [0.0, 0.0, MM * kind.height_m]
     with robot.track(BELT, part, **limits):
         robot.move_l(to_mm=above, **limits)
         robot.move_l(to_mm=top, **limits)
-        robot.output('gripper', True, payload_kg=mass_kg)
+        robot.output('gripper', True, payload_kg=kind.mass_kg)
         if line.grip_s:
             robot.dwell(line.grip_s)
         robot.move_l(to_mm=above, **limits)

@@ -14,11 +14,11 @@ from delta3_pacdrive.cli.command import (
     option,
 )
 from delta3_pacdrive.cli.output import Output, stdout_reserved, with_provenance
+from delta3_pacdrive.cli.reference import cell_digest, cell_of
 from delta3_pacdrive.cli.studies import written
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.parameters import Parameters
 
 
@@ -79,10 +79,10 @@ def run(options: Options) -> Output:
         )
     if options.program.endswith('.py'):
         return _run_script(options, robot)
-    cell, more = _cell_of(options)
+    cell = cell_of(options)
     outputs = OWN if cell is None else cell.output_names
     program = rest_of(program_file.load(options.program, robot.motion, outputs), options.first, robot)
-    inputs = [*with_digests([options.program]), *more]
+    inputs = [*with_digests([options.program]), *cell_digest(options)]
     require_writable_folder(options.output)
     with Progress(quiet=options.json) as progress:
         found = evaluation.of_program(program, robot, progress.show)
@@ -95,7 +95,7 @@ def run(options: Options) -> Output:
             progress.show('drawing')
             origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
             drawings, title = figures.by_name(found, robot), f'Plan of {found.planned.name}'
-            result['files'] = written(options, title, lines, drawings, report.tables(found), origin)
+            result['files'] = written(options, title, lines, drawings, report.tables(found), of=origin)
     return Output(with_provenance(result, options, robot, inputs), [*lines, *result.get('files', ())])
 
 
@@ -106,9 +106,8 @@ def _run_script(options: Options, robot: 'Parameters') -> Output:
 
     with stdout_reserved(options.json):
         read = script.load(options.program)
-    inputs = with_digests([options.program])
-    cell, more = _cell_of(options)
-    inputs += more
+    inputs = [*with_digests([options.program]), *cell_digest(options)]
+    cell = cell_of(options)
     with stdout_reserved(options.json):
         found = dry_run.dry_run(read, robot, cell)
 
@@ -118,17 +117,6 @@ def _run_script(options: Options, robot: 'Parameters') -> Output:
     document = result if found.stopped else with_provenance(result, options, robot, inputs)
     message = f'error: {found.stopped}' if found.stopped else ''
     return Output(document, dry_run.text(found), int(bool(found.stopped)), message=message)
-
-
-def _cell_of(options: Options) -> 'tuple[Cell | None, list[str]]':
-    """Return the cell, and its file name with digest; raises CellError."""
-    if options.cell is None:
-        return None, []
-    from delta3_pacdrive.cell import cell_file
-    from delta3_pacdrive.studies.framework.provenance import digest
-
-    found = cell_file.load(options.cell)
-    return found, [f'{options.cell} {digest(cell_file.find(options.cell))}']
 
 
 main = Command(

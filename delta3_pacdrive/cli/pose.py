@@ -62,7 +62,7 @@ def run(options: Options) -> Output:
     result, lines = report.document(pose, robot), report.text(pose, robot)
     origin = Provenance.of(options.command_line, robot, options.parameters)
     tables = [csv_table('solutions.csv', pose.solutions, of=Solution)]
-    files = written(options, 'A pose of the robot', lines, figures.by_name(pose, robot), tables, origin)
+    files = written(options, 'A pose of the robot', lines, figures.by_name(pose, robot), tables, of=origin)
     if files:
         result['files'] = files
     message = '' if pose.is_reachable else f'error: {report.sentence(pose)}'

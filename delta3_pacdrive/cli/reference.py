@@ -1,15 +1,16 @@
-"""Program selection of the commands ``run`` and ``simulate``, including sampled reference trajectories."""
+"""Inputs of the commands ``run``, ``simulate`` and ``plan``: program, sampled reference trajectory, cell."""
 
 from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.cli.command import ReferenceOptions
 
 
@@ -60,3 +61,22 @@ def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
         program = programs.load(path, robot.motion)
         played.require_drivable(program, simulation.placed(robot, program))
         yield Chosen(str(path), inputs, (f'reference: {played.text}',))
+
+
+def cell_of(options: Any) -> Cell | None:
+    """Return the cell of the options; raises CellError."""
+    if options.cell is None:
+        return None
+    from delta3_pacdrive.cell import cell_file
+
+    return cell_file.load(options.cell)
+
+
+def cell_digest(options: Any) -> list[str]:
+    """Return the cell file of the options with its digest, if there is one; raises CellError."""
+    if options.cell is None:
+        return []
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.studies.framework.provenance import digest
+
+    return [f'{options.cell} {digest(cell_file.find(options.cell))}']

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
 from delta3_pacdrive.cli.output import Output, output_of_run, stdout_reserved, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.cli.reference import Chosen, program_of
+from delta3_pacdrive.cli.reference import Chosen, cell_digest, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.view import serving
@@ -169,19 +169,9 @@ def run(options: Options) -> Output:
         if Path(chosen.program).suffix == SCRIPT_SUFFIX:
             return _run_script(options, chosen)
         bringup, result = bring_up(options, chosen.program, lambda display, _: partial(show_run, display))
-    notes, inputs = [*chosen.notes, *lacking(result, options.bag)], _inputs(options, chosen)
+    notes, inputs = [*chosen.notes, *lacking(result, options.bag)], [*chosen.digests(), *cell_digest(options)]
     ready = f', ready after {result["ready_s"]:.2f} s'
-    return output_of_run(result, options, bringup.robot, inputs, ready, notes)
-
-
-def _inputs(options: Options, chosen: Chosen) -> list[str]:
-    """Return the input files of the run with their digests."""
-    if not options.cell:
-        return chosen.digests()
-    from delta3_pacdrive.cell import cell_file
-    from delta3_pacdrive.studies.framework.provenance import digest
-
-    return [*chosen.digests(), f'{options.cell} {digest(cell_file.find(options.cell))}']
+    return output_of_run(result, options, bringup.robot, inputs, ready=ready, notes=notes)
 
 
 def _run_script(options: Options, chosen: Chosen) -> Output:
@@ -212,7 +202,7 @@ def _run_script(options: Options, chosen: Chosen) -> Output:
         raise RunError(f'{read.name} did not finish')
     result |= {'controller': bringup.robot.controller}
     done = f'{read.name}: done, ready after {result["ready_s"]:.2f} s'
-    document = with_provenance(result, options, bringup.robot, _inputs(options, chosen))
+    document = with_provenance(result, options, bringup.robot, [*chosen.digests(), *cell_digest(options)])
     return Output(document, [done, *text(result), *lacking(result, options.bag)])
 
 

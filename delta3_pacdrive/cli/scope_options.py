@@ -101,11 +101,11 @@ class ScopeOptions(Options):
             self.rate,
             usual if self.duration is None else self.duration,
             self.trigger,
-            self.level or 0.0,
-            self.edge,
-            self.pre_trigger or 0.0,
-            self.mode,
-            self.records or 0,
+            level=self.level or 0.0,
+            edge=self.edge,
+            pre_trigger_s=self.pre_trigger or 0.0,
+            mode=self.mode,
+            records=self.records or 0,
         )
 
 

@@ -10,7 +10,7 @@ from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, o
 from delta3_pacdrive.cli.option_types import non_empty, number_within, signal_names, trace_file
 from delta3_pacdrive.cli.output import Output, output_of_run, stdout_reserved
 from delta3_pacdrive.cli.progress import announce_compilation
-from delta3_pacdrive.cli.reference import Chosen, program_of
+from delta3_pacdrive.cli.reference import Chosen, cell_digest, cell_of, program_of
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.signals import OF_CELLS
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.planning.learned_torques import Learned
     from delta3_pacdrive.planning.program.model import Program
-    from delta3_pacdrive.recording.acquisition import Acquisition
     from delta3_pacdrive.recording.trace import Trace
     from delta3_pacdrive.scripting.script import Script
     from delta3_pacdrive.studies.framework.provenance import Provenance
@@ -148,11 +147,10 @@ def run(options: Options) -> Output:
     require_writable_folder(options.report)
     if options.signals:
         trace_export.require_known(options.signals)
-    cell = _cell_of(options)
+    cell = cell_of(options)
     with stdout_reserved(options.json):
         chosen, robot, program = _read(options, cell)
-    inputs, torques = chosen.digests(), None
-    inputs += _cell_digest(options)
+    inputs, torques = [*chosen.digests(), *cell_digest(options)], None
     simulation.load_kernels(robot)
     if options.learned is not None and not isinstance(program, Script):
         torques = _learned(options.learned, program, robot)
@@ -163,7 +161,7 @@ def run(options: Options) -> Output:
         folder.make()
     started = time.perf_counter()
     with stdout_reserved(options.json):
-        trace, records = _simulated(options, program, robot, origin, torques, cell)
+        trace, records = _simulated(options, program, robot, origin, learned=torques, cell=cell)
     wall = time.perf_counter() - started
     exact = None if isinstance(program, Script) else _from_exact(trace, program, robot, cell)
     if options.trace or folder is not None:
@@ -257,39 +255,18 @@ def _result(trace: 'Trace', wall_s: float) -> dict[str, Any]:
     }
 
 
-def _cell_of(options: Options) -> 'Cell | None':
-    """Return the cell of the options; raises CellError."""
-    if options.cell is None:
-        return None
-    from delta3_pacdrive.cell import cell_file
-
-    return cell_file.load(options.cell)
-
-
-def _cell_digest(options: Options) -> list[str]:
-    """Return the cell file of the options with its digest."""
-    if options.cell is None:
-        return []
-    from delta3_pacdrive.cell import cell_file
-    from delta3_pacdrive.studies.framework.provenance import digest
-
-    return [f'{options.cell} {digest(cell_file.find(options.cell))}']
-
-
 def _simulated(
-    options: Options,
-    program: 'Program | Script',
-    robot: 'Parameters',
-    origin: 'Provenance',
-    torques: 'Learned | None',
-    cell: 'Cell | None',
+    options: Options, program: 'Program | Script', robot: 'Parameters', origin: 'Provenance', **more: Any
 ) -> 'tuple[Trace, Records | None]':
-    """Run a program, with oscilloscopes in the drives if requested; raises Delta3Error."""
+    """Run a program, with oscilloscopes in the drives if requested; raises Delta3Error.
+
+    ``more`` are keyword arguments of ``simulation.run``.
+    """
     from delta3_pacdrive.studies.runs import trace_export
 
     asked = trace_export.on_request(options.signals or ())
     if options.scope is None:
-        return _driven(program, robot, None, asked, torques, cell), None
+        return _driven(program, robot, signals=asked, **more), None
     from delta3_pacdrive.recording.acquisition import Acquisition
 
     output = (
@@ -298,7 +275,7 @@ def _simulated(
     records = Records(options, output, origin)
     setting = options.setting(options.scope, robot, all_of_it=True)
     acquisition = Acquisition(setting, records.take)
-    trace = _driven(program, robot, acquisition, asked, torques, cell)
+    trace = _driven(program, robot, acquisition=acquisition, signals=asked, **more)
     if not records.written:
         raise RunError(
             f'no trigger: {setting.trigger.sentence if setting.trigger else ""} did not occur until the end of the '
@@ -308,27 +285,17 @@ def _simulated(
 
 
 def _driven(
-    program: 'Program | Script',
-    robot: 'Parameters',
-    acquisition: 'Acquisition | None',
-    asked: list[str],
-    torques: 'Learned | None',
-    around: 'Cell | None',
+    program: 'Program | Script', robot: 'Parameters', learned: 'Learned | None', **more: Any
 ) -> 'Trace':
     """Return the trace of a program or of a script, which may have been aborted; raises Delta3Error."""
     from delta3_pacdrive import scripting, simulation
     from delta3_pacdrive.scripting.script import Script
 
     if not isinstance(program, Script):
-        if around is not None:
-            return simulation.run(program, robot, acquisition, asked, torques, cell=around)
-        more = (acquisition, asked, torques) if acquisition or asked or torques is not None else ()
-        return simulation.run(program, robot, *more)
+        return simulation.run(program, robot, learned=learned, **more)
     simulated = None
     try:
-        with scripting.simulate(
-            robot, cell=around, name=program.name, signals=asked, acquisition=acquisition
-        ) as simulated:
+        with scripting.simulate(robot, name=program.name, **more) as simulated:
             program.run(simulated)
     except scripting.ScriptError:
         if simulated is None:

@@ -111,7 +111,15 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
             progress.show(f'{text}, {len(now.violations)} violations')
 
         try:
-            run_soak(60.0 * options.minutes, options.seed, pace, PACES[pace], figures, show, options.replay)
+            run_soak(
+                60.0 * options.minutes,
+                options.seed,
+                pace,
+                PACES[pace],
+                figures=figures,
+                show=show,
+                replay=options.replay,
+            )
         except KeyboardInterrupt:
             interrupted = True
     return asdict(figures) | {'watched': figures.watched, 'ok': figures.ok, 'interrupted': interrupted}

@@ -31,15 +31,9 @@ def row(robot: Any) -> tuple[str, ...]:
 
 def text_table(robots: Sequence[Any]) -> list[str]:
     """Return the table as lines."""
-    rows = [HEADINGS, *map(row, robots)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        '  '.join(
-            cell.rjust(width) if side == 'right' else cell.ljust(width)
-            for cell, width, side in zip(cells, widths, ALIGNED, strict=True)
-        ).rstrip()
-        for cells in rows
-    ]
+    from delta3_pacdrive.studies.framework.columns import aligned
+
+    return aligned([HEADINGS, *map(row, robots)], [{'left': '<', 'right': '>'}[side] for side in ALIGNED])
 
 
 class _Display:

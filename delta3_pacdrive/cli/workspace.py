@@ -99,7 +99,7 @@ def run(options: Options) -> Output:
         lines = report.text(found, settings, robot)
         origin = Provenance.of(options.command_line, robot, options.parameters)
         drawings, tables = figures.by_name(found, slices, robot), [report.extremes_table(found)]
-        files = written(options, 'Workspace', lines, drawings, tables, origin)
+        files = written(options, 'Workspace', lines, drawings, tables, of=origin)
         if options.volume is not None:
             files.append(str(_volume(Path(options.volume), found, origin)))
     result = report.document(found, settings, robot)

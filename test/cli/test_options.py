@@ -308,7 +308,7 @@ def test_an_option_of_a_single_motor_is_a_setting_of_it_and_changes_no_other(arg
 def simulated(monkeypatch):
     """Return the function that gives program and robot of a simulation."""
     monkeypatch.setattr(simulation, 'run', asking())
-    return lambda *arguments: asked(simulate, arguments)
+    return lambda *arguments: asked(simulate, arguments)[:2]
 
 
 def test_options_of_simulate_reach_the_simulation(simulated):

@@ -130,7 +130,7 @@ def simulated(monkeypatch):
             'start_cycle': 0,
         }
         trace = Trace(np.arange(250) * 1e-3, {}, meta | changes)
-        monkeypatch.setattr(simulation, 'run', lambda *_: trace)
+        monkeypatch.setattr(simulation, 'run', lambda *_, **__: trace)
 
     return end
 

@@ -109,7 +109,7 @@ def soaked(monkeypatch):
     """Return the function that lets a soak end with figures."""
 
     def end(**changes):
-        def run(_seconds, _seed, _pace, _factor, figures, show, _replay=None):
+        def run(_seconds, _seed, _pace, _factor, figures, show, replay=None):
             for name, value in (FIGURES | changes).items():
                 setattr(figures, name, value)
             show(figures)

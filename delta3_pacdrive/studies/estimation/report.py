@@ -1,6 +1,5 @@
 """Report of an estimation: JSON document, text and tables."""
 
-import math
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +11,7 @@ from delta3_pacdrive.studies.estimation.problem import Problem
 from delta3_pacdrive.studies.estimation.quantities import COMBINATIONS, TABLE, values_of
 from delta3_pacdrive.studies.estimation.solver import COLOURED, Fit
 from delta3_pacdrive.studies.estimation.thesis_setup import FACTORS, SYMBOLS, ThesisStudy, explanation
+from delta3_pacdrive.studies.framework.columns import csv_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table, columns_of
 
 ROWS_MAX = 20_000  # of a table of residuals; longer ones are decimated
@@ -65,7 +65,7 @@ def sensitivity_table(report: Identifiability, problem: Problem) -> list[dict[st
                 'meaning': quantity.meaning,
                 'sensitivity': finding.sensitivity,
                 **blocks,
-                'relative_error': finding.relative_error if math.isfinite(finding.relative_error) else None,
+                'relative_error': to_dict(finding.relative_error),
                 'verdict': finding.verdict.value,
                 'partners': ' '.join(finding.partners),
                 'reason': finding.reason,
@@ -80,11 +80,11 @@ def fit_summary(fit: Fit, problem: Problem, parameters: Parameters, truth_known:
     return {
         'estimates': estimates_table(fit, problem, parameters, truth_known),
         'identifiability': {
-            'condition': _finite(report.condition),
-            'condition_of_columns': _finite(report.condition_of_columns),
+            'condition': to_dict(report.condition),
+            'condition_of_columns': to_dict(report.condition_of_columns),
             'rank': report.rank,
             'singular_values': list(report.singular_values),
-            'collinear': [asdict(group) for group in report.collinear],
+            'collinear': to_dict(report.collinear),
             'quantities': sensitivity_table(report, problem),
         },
         'residuals': [
@@ -160,9 +160,9 @@ def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
     """Return the additional content of the document for the group ``thesis``."""
     return {
         'explanation': explanation(study),
-        'quotients': [asdict(q) for q in study.quotients],
+        'quotients': to_dict(study.quotients),
         'profiles': study.profiles,
-        'attempts': [asdict(a) for a in study.attempts],
+        'attempts': to_dict(study.attempts),
         'trials': [
             {
                 'data': t.data,
@@ -257,11 +257,6 @@ def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Tab
 
 def thesis_tables(study: ThesisStudy) -> list[Table]:
     """Return difference quotients, cost profiles and attempts as tables."""
-    quotients = [
-        'quantity', 'step [1]', 'quotient through encoder [noise per 100 %]',
-        'quotient with ideal encoder [noise per 100 %]', 'cosine to the true slope [1]',
-        'largest change of a shaft [increments]',
-    ]  # fmt: skip
     profiles = ['factor [1]', *(f'cost over {s} less its minimum [noise^2]' for s in SYMBOLS)]
     attempts = ['data', 'step [1]', 'start off [1]', *(f'{s} moved [1]' for s in SYMBOLS), 'largest error [1]',
                 'cost at start [SI]', 'cost [SI]', 'cost of the least [1]', 'simulations', 'outcome',
@@ -285,11 +280,7 @@ def thesis_tables(study: ThesisStudy) -> list[Table]:
         for a in [t.attempt]
     )
     return [
-        Table('quotients.csv', quotients, [list(asdict(q).values()) for q in study.quotients]),
+        csv_table('quotients.csv', study.quotients),
         Table('profiles.csv', profiles, costs),
         Table('attempts.csv', attempts, tries),
     ]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -224,11 +224,11 @@ class Study(studies.Study):
             exact = simulate(program, self.robot, 'bus')
             trace = with_noise(exact, self.robot, chosen.noise, chosen.seed)
             other = self.robot.replace(rich__enabled=True, bus__exchange_period_s=BUILT_EXCHANGE_S)
-            built, recorded = simulate(program, other, 'bus'), 'the model'
+            built = simulate(program, other, 'bus')
         else:
             if len(chosen.inputs) != 1:
                 raise EstimationError('the group thesis takes one trace')
-            (trace, *more), built, recorded = self._traces(chosen.inputs), None, chosen.inputs[0]
+            (trace, *more), built = self._traces(chosen.inputs), None
             if more:
                 raise EstimationError('the group thesis takes one trace without gaps')
         study = thesis_setup.study(
@@ -239,7 +239,6 @@ class Study(studies.Study):
             on_iterate=self._keep,
             resume=self.iterate,
             built=built,
-            recorded=recorded,
         )
         found, problem = study.cure, study.problem
         document = report.fit_summary(found, problem, self.robot, self._simulates)

@@ -17,7 +17,7 @@ precision. Four facts explain the result:
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -30,6 +30,7 @@ from delta3_pacdrive.studies.estimation.problem import Problem
 from delta3_pacdrive.studies.estimation.quantities import TABLE, start_values, values_of
 from delta3_pacdrive.studies.estimation.replay_model import Replay, ReplayModel
 from delta3_pacdrive.studies.estimation.solver import Fit, Iterate, OnIterate, fit
+from delta3_pacdrive.studies.framework.columns import Column
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 SYMBOLS = ('R', 'L', 'F_v', 'F_s', 'I_m')
@@ -52,12 +53,14 @@ SIGNALS = ('motor_position', 'motor_speed', 'current')
 class Quotient:
     """Difference quotient of the current with respect to one quantity."""
 
-    symbol: str
-    step: float  # share of the value
-    through_encoder: float  # length with encoder increments [standard deviations of the noise per 100 %]
-    ideal: float  # the same with an ideal encoder
-    agreement: float  # cosine between quotient and true slope: 1 same direction, 0 chance
-    increments: float  # largest change of a shaft position
+    symbol: Annotated[str, Column('quantity')]
+    step: Annotated[float, Column('step [1]')]  # share of the value
+    # length with encoder increments [standard deviations of the noise per 100 %]
+    through_encoder: Annotated[float, Column('quotient through encoder [noise per 100 %]')]
+    ideal: Annotated[float, Column('quotient with ideal encoder [noise per 100 %]')]  # with an ideal encoder
+    # cosine between quotient and true slope: 1 same direction, 0 chance
+    agreement: Annotated[float, Column('cosine to the true slope [1]')]
+    increments: Annotated[float, Column('largest change of a shaft [increments]')]  # of a shaft position
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,6 @@ def study(
     on_iterate: OnIterate | None = None,
     resume: Iterate | None = None,
     built: Trace | None = None,
-    recorded: str = 'the model',
 ) -> ThesisStudy:
     """Estimate from a recording as in chapter 9, and with correct settings.
 
@@ -153,7 +155,7 @@ def study(
         cure=cure,
         problem=problem,
         built=others,
-        recorded=recorded,
+        recorded=trace.meta.get('input', 'the model'),
     )
 
 

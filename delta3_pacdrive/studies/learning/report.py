@@ -1,10 +1,10 @@
 """Report of learning: JSON document, text and tables."""
 
 import shlex
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from delta3_pacdrive.studies.framework.columns import csv_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table
 from delta3_pacdrive.studies.learning.study import Results, Settings
 
@@ -20,8 +20,8 @@ def summary(found: Results, settings: Settings, file: Path | None) -> dict[str, 
         'bandwidth_hz': settings.bandwidth_hz,
         'change_weight': settings.change_weight,
         'torque_weight': settings.torque_weight,
-        'contraction': asdict(worst),
-        'repetitions': [asdict(one) for one in found.repetitions],
+        'contraction': to_dict(worst),
+        'repetitions': to_dict(found.repetitions),
         'best': found.best.number,
         'gain_max': _gain(before.tcp_error_max_m, found.best.tcp_error_max_m),
         'gain_rms': _gain(before.tcp_error_rms_m, found.best.tcp_error_rms_m),
@@ -42,28 +42,7 @@ def _follow(settings: Settings, file: Path) -> str:
 
 def tables(found: Results) -> list[Table]:
     """Return repetitions and contractions as tables."""
-    runs = [
-        {
-            'repetition': one.number,
-            'TCP error max [m]': one.tcp_error_max_m,
-            'TCP error rms [m]': one.tcp_error_rms_m,
-            'current peak [A]': one.current_peak_a,
-            'current rms [A]': one.current_rms_a,
-            'learned torque max [N m]': one.torque_max_n_m,
-        }
-        for one in found.repetitions
-    ]
-    loads = [
-        {
-            'masses': one.masses,
-            **{f'{name} [m]': value for name, value in zip('xyz', one.place_m, strict=True)},
-            'payload [kg]': one.payload_kg,
-            'rate': one.rate,
-            'frequency [Hz]': one.at_hz,
-        }
-        for one in found.contractions
-    ]
-    return [Table.of_rows(TABLE, runs), Table.of_rows(CONTRACTIONS, loads)]
+    return [csv_table(TABLE, found.repetitions), csv_table(CONTRACTIONS, found.contractions)]
 
 
 def text(document: dict[str, Any]) -> list[str]:

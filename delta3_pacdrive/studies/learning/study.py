@@ -1,9 +1,11 @@
 """Settings and results of learning, data only."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.studies.framework.columns import Column
 
 
 @dataclass(frozen=True)
@@ -24,11 +26,12 @@ class Settings:
 class Contraction:
     """Contraction rate of learning for one load."""
 
-    masses: float  # of the robot relative to those in the controller
-    place_m: tuple[float, float, float]  # TCP position
-    payload_kg: float
-    rate: float  # largest singular value over all frequencies; below 1 learning converges monotonically
-    at_hz: float  # its frequency
+    masses: Annotated[float, Column('masses')]  # of the robot relative to those in the controller
+    place_m: Annotated[tuple[float, float, float], Column('{} [m]', 'xyz')]  # TCP position
+    payload_kg: Annotated[float, Column('payload [kg]')]
+    # largest singular value over all frequencies; below 1 learning converges monotonically
+    rate: Annotated[float, Column('rate')]
+    at_hz: Annotated[float, Column('frequency [Hz]')]  # frequency of the rate
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,12 @@ class Repetition:
     TCP errors are those of the controller, currents those of the most loaded motor.
     """
 
-    number: int
-    tcp_error_max_m: float
-    tcp_error_rms_m: float
-    current_peak_a: float
-    current_rms_a: float
-    torque_max_n_m: float  # largest of the applied learned torques
+    number: Annotated[int, Column('repetition')]
+    tcp_error_max_m: Annotated[float, Column('TCP error max [m]')]
+    tcp_error_rms_m: Annotated[float, Column('TCP error rms [m]')]
+    current_peak_a: Annotated[float, Column('current peak [A]')]
+    current_rms_a: Annotated[float, Column('current rms [A]')]
+    torque_max_n_m: Annotated[float, Column('learned torque max [N m]')]  # of the applied torques
 
 
 @dataclass(frozen=True)

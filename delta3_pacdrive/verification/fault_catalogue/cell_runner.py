@@ -72,11 +72,9 @@ def run_case(case: CellCase, parameters: Parameters) -> CellOutcome:
     except Delta3Error as error:
         problem = str(error)
     if robot is None:
-        return CellOutcome(case, notice, {}, 0.0, 0.0, problem)
-    meta = robot.trace.meta
-    return CellOutcome(
-        case, notice, meta['cell']['outcomes'], end_s, meta['figures']['tcp_error_max_m'], problem
-    )
+        return CellOutcome(case, notice, {}, 0.0, 0.0, problem=problem)
+    meta, error_m = robot.trace.meta, robot.trace.meta['figures']['tcp_error_max_m']
+    return CellOutcome(case, notice, meta['cell']['outcomes'], end_s, error_m, problem=problem)
 
 
 def robot_of(path: str | None) -> Parameters:

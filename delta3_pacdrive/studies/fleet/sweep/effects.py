@@ -1,12 +1,14 @@
 """Analysis of a sweep: distributions, main effects, Sobol indices, and yields for limits."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.studies.fleet.sweep.sampling import base_runs, problem_of, salib
 from delta3_pacdrive.studies.fleet.sweep.study import Law, Runs, Sampling
+from delta3_pacdrive.studies.framework.columns import Column
 
 SHARES = (0.01, 0.05, 0.5, 0.95, 0.99)
 BINS_MAX, IN_BIN = 20, 10  # bins of a quantity for main effects; minimum number of runs per bin
@@ -18,13 +20,13 @@ WORST = 10
 class Distribution:
     """Distribution of a result over all completed runs."""
 
-    name: str
-    runs: int
-    mean: float
-    deviation: float
-    low: float
-    high: float
-    shares: tuple[float, ...]  # quantiles at ``SHARES``
+    name: Annotated[str, Column('number')]
+    runs: Annotated[int, Column('runs')]
+    mean: Annotated[float, Column('mean')]
+    deviation: Annotated[float, Column('deviation')]
+    low: Annotated[float, Column('least')]
+    high: Annotated[float, Column('greatest')]
+    shares: Annotated[dict[str, float], Column('{}')]  # quantiles at ``SHARES``
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def distributions(found: Runs) -> list[Distribution]:
                     deviation=float(known.std(ddof=1)) if len(known) > 1 else 0.0,
                     low=float(known.min()),
                     high=float(known.max()),
-                    shares=tuple(np.quantile(known, SHARES).tolist()),
+                    shares=dict(zip(map(str, SHARES), np.quantile(known, SHARES).tolist(), strict=True)),
                 )
             )
     return rows

@@ -1,6 +1,5 @@
 """Summary, text and tables of a sweep."""
 
-import math
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -9,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.studies.fleet.sweep.effects import SHARES, distributions, effects, worst, yields
+from delta3_pacdrive.studies.fleet.sweep.effects import distributions, effects, worst, yields
 from delta3_pacdrive.studies.fleet.sweep.study import Outcome, Results, Runs
+from delta3_pacdrive.studies.framework.columns import csv_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table
 
 TABLES = ('distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv')
@@ -29,15 +29,12 @@ def summary(results: Results, specification: str) -> dict[str, Any]:
         'runs': found.sweep.runs,
         'runs_made': results.made,
         'workers': results.workers,
-        'seconds': _known(results.seconds),
-        'runs_per_second': _known(results.made / results.seconds) if results.seconds > 0.0 else None,
+        'seconds': to_dict(results.seconds),
+        'runs_per_second': to_dict(results.made / results.seconds) if results.seconds > 0.0 else None,
         **counts(found.outcomes, found.reasons, 'runs'),
-        'distributions': [
-            asdict(one) | {'shares': dict(zip(map(str, SHARES), one.shares, strict=True))}
-            for one in distributions(found)
-        ],
-        'effects': [{name: _known(value) for name, value in asdict(one).items()} for one in effects(found)],
-        'yields': [asdict(one) | {'share': one.share} for one in yields(found)],
+        'distributions': to_dict(distributions(found)),
+        'effects': to_dict(effects(found)),
+        'yields': [to_dict(one) | {'share': one.share} for one in yields(found)],
         'worst': [
             {
                 'name': name,
@@ -60,10 +57,6 @@ def counts(outcomes: Sequence[str], reasons: Sequence[str], runs: str) -> dict[s
 def command(specification: str, run: int) -> str:
     """Return the command that repeats a run and stores its trace."""
     return f'delta3 sweep {shlex.quote(specification)} --run {run} --trace run{run}.npz'
-
-
-def _known(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def text(document: dict[str, Any]) -> Iterator[str]:
@@ -118,17 +111,7 @@ def tables(found: Runs, specification: str) -> list[Table]:
     """Return the tables of a sweep; that of the runs is limited to ``CSV_RUNS_MAX`` rows."""
     made = []
     if every := distributions(found):
-        header = [
-            'number',
-            'runs',
-            'mean',
-            'deviation',
-            'least',
-            'greatest',
-            *(f'{share:g}' for share in SHARES),
-        ]
-        rows = [[o.name, o.runs, o.mean, o.deviation, o.low, o.high, *o.shares] for o in every]
-        made.append(Table(TABLES[0], header, rows))
+        made.append(csv_table(TABLES[0], every))
     if shown := effects(found):
         made.append(Table.of_rows(TABLES[1], [asdict(one) for one in shown]))
     first = next(iter(found.sweep.limits or found.kept), None)

@@ -79,7 +79,7 @@ def test_runs_that_are_not_done_count_for_the_yield_and_for_nothing_else():
     assert told.high == pytest.approx(beta.ppf(0.975, 59, 42))
     (spread,) = distributions(some)
     assert (spread.runs, spread.low, spread.high, spread.mean) == (98, 2.0, 99.0, 50.5)
-    assert spread.shares[2] == 50.5
+    assert spread.shares['0.5'] == 50.5
     assert worst(some, 'y')[:4] == [1, 2, 100, 99]
 
 
