@@ -95,6 +95,15 @@ def finish_over_time(
     panels[0].figure.align_ylabels()
 
 
+def column_of_panels(
+    figure: Figure, labels: Sequence[str], what: str = 'time from program start [s]', **options: Any
+) -> list[Axes]:
+    """Return a column of panels with grid, labels and a common time axis; ``options`` as for ``Figure.subplots``."""
+    panels: list[Axes] = list(figure.subplots(len(labels), 1, sharex=True, squeeze=False, **options)[:, 0])
+    finish_over_time(panels, labels, what)
+    return panels
+
+
 def label_of_key(key: str) -> str:
     """Return a key of a parameter or a result as a label with its unit in square brackets."""
     name, bracket, index = key.rpartition('[') if key.endswith(']') else (key, '', '')

@@ -14,8 +14,8 @@ from delta3_pacdrive.recording.bag_messages import PARTS, SCENE, Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.robot.sercos.telegrams import BELTS_TOPIC
-from delta3_pacdrive.studies.runs.cell_history import CellStory, cycles_of, story_of
-from delta3_pacdrive.studies.runs.run_signals import positive
+from delta3_pacdrive.studies.runs.cell_history import CellStory, story_of
+from delta3_pacdrive.studies.runs.run_signals import cycles_of, positive
 
 
 def read(trace: Trace) -> CellStory | None:
@@ -27,7 +27,9 @@ def read(trace: Trace) -> CellStory | None:
         return None
     messages = _Messages(positive(trace, 'cycle_time_s'), trace.messages.sessions)
     trace.messages.decode({SCENE: messages.scene, PARTS: messages.parts, BELTS_TOPIC: messages.belts})
-    return story_of(messages.log, messages.things, trace, messages.ways(cycles_of(trace)), counted=True)
+    return story_of(
+        messages.log, messages.things, trace, messages.ways(cycles_of(trace).astype(np.float64)), counted=True
+    )
 
 
 class _Messages:

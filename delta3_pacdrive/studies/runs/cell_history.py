@@ -22,7 +22,7 @@ from delta3_pacdrive.cell.parts_report import PartsLog
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.runs.run_signals import positive
+from delta3_pacdrive.studies.runs.run_signals import cycles_of
 
 Document = Mapping[str, Any]
 
@@ -120,11 +120,6 @@ def _stay(row: Document) -> Stay:
     )
 
 
-def cycles_of(trace: Trace) -> Floats:
-    """Return the bus cycles of a trace, shape (cycles,); raises TraceError."""
-    return np.rint(trace.time_s / positive(trace, 'cycle_time_s'))
-
-
 def of_trace(trace: Trace, name: str) -> CellStory | None:
     """Return the cell of a simulated trace; None if it had none.
 
@@ -169,7 +164,7 @@ def story_of(
         things=things,
         parts=parts,
         outcomes=outcomes,
-        cycles=cycles_of(trace),
+        cycles=cycles_of(trace).astype(np.float64),
         ways=ways,
         counted=counted,
     )

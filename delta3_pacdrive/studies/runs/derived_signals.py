@@ -14,7 +14,7 @@ import numpy as np
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.recording.signals import JOINT_MOTION
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.runs.run_signals import SLOPE_S, derivatives, noted_cycle, positive
+from delta3_pacdrive.studies.runs.run_signals import SLOPE_S, cycles_of, derivatives, noted_cycle, positive
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -41,8 +41,7 @@ def added(trace: Trace) -> Trace:
 
 def derived(trace: Trace) -> dict[str, Floats]:
     """Return the derived signals missing in a trace, each of shape (cycles, 3); missing cycles are bridged."""
-    period = positive(trace, 'cycle_time_s')
-    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    period, cycles = positive(trace, 'cycle_time_s'), cycles_of(trace)
     rows = _rows(cycles)
     found = {}
     if 'tcp_command' in trace.signals and 'master' not in trace.signals:
@@ -65,9 +64,7 @@ def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
         found |= {name: values for name, values in _joint_motion(trace).items() if name in wanted}
     changes = trace.meta.get('drive_status')
     if 'status_word' in names and changes:
-        period = positive(trace, 'cycle_time_s')
-        cycles = np.rint(trace.time_s / period).astype(np.int64)
-        found['status_word'] = np.column_stack([_words(cycles, own) for own in changes])
+        found['status_word'] = np.column_stack([_words(cycles_of(trace), own) for own in changes])
     return found
 
 
@@ -87,8 +84,7 @@ def _joint_motion(trace: Trace) -> dict[str, Floats]:
     if 'tcp_command' not in trace.signals:
         return {}
     period = positive(trace, 'cycle_time_s')
-    cycles = np.rint(trace.time_s / period).astype(np.int64)
-    rows = _rows(cycles)
+    rows = _rows(cycles_of(trace))
     places = np.pad(_without_gaps(trace['tcp_command'], rows), ((1, 1), (0, 0)), mode='edge')
     return {name: values[rows] for name, values in joint_motions(places, period, geometry(robot)).items()}
 

@@ -13,7 +13,7 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.runs.run_signals import LACKING_MAX, delayed, positive
+from delta3_pacdrive.studies.runs.run_signals import LACKING_MAX, cycles_of, delayed, positive
 
 if TYPE_CHECKING:
     from delta3_pacdrive.numerics.types import Floats
@@ -101,7 +101,7 @@ def completed(trace: Trace, robot: Parameters) -> Trace:
                 tcp[known] = kinematics.forward(angles[known], robot.kinematics, unreachable='nan')
             found[of_tcp] = tcp
     if {'tcp_actual', 'tcp_command'} <= found.keys() and 'tcp_error' not in found:
-        rows = np.rint(trace.time_s / positive(trace, 'cycle_time_s')).astype(np.int64)
+        rows = cycles_of(trace)
         # missing commands stay nan, also for the delayed command of the next cycle
         command = np.full((rows[-1] - rows[0] + 1, 3), np.nan)
         command[rows - rows[0]] = found['tcp_command']

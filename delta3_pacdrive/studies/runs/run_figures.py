@@ -23,6 +23,7 @@ from delta3_pacdrive.studies.framework.figure_style import (
     DASHED,
     NORM_COLOUR,
     WHOLE,
+    column_of_panels,
     figure_of_program,
     finish_over_time,
     frame_path,
@@ -135,8 +136,8 @@ def arm_velocities(trace: Trace) -> Figure:
     figure = figure_of_program('Arm speeds', run.meta.get('program'), 6.0)
     grid = figure.subplots(3, 2, sharex='col', width_ratios=(2, 1), squeeze=False)
     overview, zoom = grid.T
-    _dress(run, overview, _axis_labels(r'$\dot\theta_{}$ [deg/s]'))
-    _dress(run, zoom)
+    finish_over_time(overview, _axis_labels(r'$\dot\theta_{}$ [deg/s]'), _time_label(run))
+    finish_over_time(zoom, what=_time_label(run))
     begin = busiest(run.time_s, command)
     shown = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
     _plot(overview, run.time_s, actual, command)
@@ -175,9 +176,7 @@ def currents(trace: Trace) -> Figure:
     labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ [A]')
     if not {'current', *CURRENT_SIGNALS} <= run.signals.keys():
         return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
-    figure = figure_of_program('Motor currents', run.meta.get('program'), 6.0)
-    panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    _dress(run, panels, labels)
+    figure, panels = _panels(run, 'Motor currents', labels, sharey=True)
     middle = run.time_s + 0.5 * positive(run, 'cycle_time_s')
     for i, (axes, colour) in enumerate(zip(panels, AXIS_COLOURS, strict=True)):
         axes.plot(run.time_s, run['current'][:, i], label='sample in the AT', **SAMPLE)
@@ -201,9 +200,7 @@ def tcp_error_norm(trace: Trace) -> Figure:
     run = program_part(trace)
     aligned = 1e3 * np.linalg.norm(run['tcp_error'], axis=1)
     raw = 1e3 * np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
-    figure = figure_of_program('Norm of the TCP error', run.meta.get('program'), 5.0)
-    panels = figure.subplots(2, 1, sharex=True)
-    _dress(run, panels, ['error [mm]'] * 2)
+    figure, panels = _panels(run, 'Norm of the TCP error', ['error [mm]'] * 2, 5.0)
     titles = ('set-point delay removed', 'raw difference of command and actual position')
     for axes, values, title in zip(panels, (aligned, raw), titles, strict=True):
         axes.plot(run.time_s, values, color=NORM_COLOUR, **(ACTUAL | {'linewidth': 1.3}))
@@ -222,9 +219,8 @@ def following_error(trace: Trace) -> Figure:
 def master(trace: Trace) -> Figure:
     """Virtual master of the command: distance, speed and acceleration along the path (Fig. 6.2, 6.3)."""
     run = program_part(trace)
-    figure = figure_of_program('Virtual master', run.meta.get('program'), 6.0)
-    panels = figure.subplots(3, 1, sharex=True)
-    _dress(run, panels, ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]'])
+    labels = ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]']
+    figure, panels = _panels(run, 'Virtual master', labels)
     values = run['master'] * [1e3, 1.0, 1.0]
     for axes, column in zip(panels, values.T, strict=True):
         axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
@@ -236,9 +232,8 @@ def tcp_speed(trace: Trace) -> Figure:
     """Speed and acceleration of the TCP in space, commanded and actual: norms."""
     run = program_part(trace)
     command = derivatives(run['tcp_command'], positive(run, 'cycle_time_s'))
-    figure = figure_of_program('TCP speed and acceleration', run.meta.get('program'), 5.2)
-    panels = figure.subplots(2, 1, sharex=True)
-    _dress(run, panels, ['speed [m/s]', 'acceleration [m/s$^2$]'])
+    labels = ['speed [m/s]', 'acceleration [m/s$^2$]']
+    figure, panels = _panels(run, 'TCP speed and acceleration', labels, 5.2)
     for axes, actual, wanted in zip(
         panels, (run['tcp_velocity'], run['tcp_acceleration']), command, strict=True
     ):
@@ -252,9 +247,7 @@ def tcp_speed(trace: Trace) -> Figure:
 def turn(trace: Trace) -> Figure:
     """Rotation of the tool: commanded, measured and true angle, its error, and the current of its motor."""
     run = program_part(trace)
-    figure = figure_of_program('Turn of the tool', run.meta.get('program'), 6.0)
-    panels = figure.subplots(3, 1, sharex=True)
-    _dress(run, panels, ['angle [deg]', 'error [deg]', 'current [A]'])
+    figure, panels = _panels(run, 'Turn of the tool', ['angle [deg]', 'error [deg]', 'current [A]'])
     curves = (
         (0, 'turn_position', 'actual', ACTUAL | {'color': AXIS_COLOURS[0]}),
         (0, 'turn_true', 'true', TRUE | {'color': AXIS_COLOURS[1]}),
@@ -278,9 +271,7 @@ def signal_panels(trace: Trace, signal: str) -> Figure:
     labels = [f'{name or signal} [{unit}]'.replace(f' [{quantities.ONE}]', '') for name, unit in named]
     if len(labels) == len(AXIS_COLOURS):
         return _three_panels(run, meaning, labels, run[signal])
-    figure = figure_of_program(meaning, run.meta.get('program'), HEIGHT_IN + PANEL_IN * len(labels))
-    panels: Any = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
-    _dress(run, panels, labels)
+    figure, panels = _panels(run, meaning, labels, HEIGHT_IN + PANEL_IN * len(labels))
     for axes, column in zip(panels, run[signal].T, strict=True):
         axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
     return figure
@@ -320,9 +311,7 @@ def _three_panels(
     same_scale: bool = False,
 ) -> Figure:
     """Draw three columns below one another; the range of each axis is at least ``least``."""
-    figure = figure_of_program(what, run.meta.get('program'), 6.0)
-    panels = figure.subplots(3, 1, sharex=True, sharey=same_scale)
-    _dress(run, panels, labels)
+    figure, panels = _panels(run, what, labels, sharey=same_scale)
     _plot(panels, run.time_s, actual, command)
     keep_span(panels, least)
     if command is not None:
@@ -330,10 +319,16 @@ def _three_panels(
     return figure
 
 
-def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str] = ()) -> None:
-    """Add labels, grid and common time axis to panels in a column."""
-    known = trace.meta.get('start_cycle') is not None
-    finish_over_time(panels, labels, 'time from program start [s]' if known else 'bus time [s]')
+def _panels(
+    run: Trace, what: str, labels: Sequence[str], height_in: float = 6.0, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of a run with a column of panels over time."""
+    figure = figure_of_program(what, run.meta.get('program'), height_in)
+    return figure, column_of_panels(figure, labels, _time_label(run), **options)
+
+
+def _time_label(run: Trace) -> str:
+    return 'bus time [s]' if run.meta.get('start_cycle') is None else 'time from program start [s]'
 
 
 def _plot(panels: Sequence[Axes], time_s: Floats, actual: Floats, command: Floats | None) -> None:

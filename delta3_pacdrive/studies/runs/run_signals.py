@@ -41,8 +41,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
         The cycle time is missing, or no cycle of that part is recorded.
 
     """
-    period = positive(trace, 'cycle_time_s')
-    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    period, cycles = positive(trace, 'cycle_time_s'), cycles_of(trace)
     if not len(cycles):
         raise TraceError('the recording contains no cycle')
     start, end = noted_cycle(trace, 'start_cycle'), noted_cycle(trace, 'end_cycle')
@@ -95,8 +94,7 @@ def program_part(trace: Trace) -> Trace:
         The cycle time is missing, no cycle of that part is recorded, or too many cycles are missing.
 
     """
-    period = positive(trace, 'cycle_time_s')
-    cycles = np.rint(trace.time_s / period).astype(np.int64)
+    period, cycles = positive(trace, 'cycle_time_s'), cycles_of(trace)
     start = noted_cycle(trace, 'start_cycle')
     first, last = shown_cycles(trace)
     keep = (cycles >= first) & (cycles <= last)
@@ -121,6 +119,11 @@ def positive(trace: Trace, key: str) -> float:
     if not isinstance(value, int | float) or not 0.0 < value < math.inf:
         raise TraceError(f'the recording contains no valid {key}')
     return float(value)
+
+
+def cycles_of(trace: Trace) -> NDArray[np.int64]:
+    """Return the bus cycles of a trace, shape (cycles,); raises TraceError."""
+    return np.rint(trace.time_s / positive(trace, 'cycle_time_s')).astype(np.int64)
 
 
 def noted_cycle(trace: Trace, key: str) -> int | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +14,12 @@ from delta3_pacdrive.studies.framework.figure_style import (
     COLOURS,
     MUTED,
     add_foot,
-    finish_over_time,
+    column_of_panels,
     legend_above,
     save,
     titled_figure,
 )
-from delta3_pacdrive.studies.framework.provenance import Provenance
+from delta3_pacdrive.studies.framework.provenance import Provenance, os_errors_as
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,8 @@ def figure_of(record: Record) -> Figure:
     trigger = record.setting.trigger
     title = 'Oscilloscope' if trigger is None else f'Oscilloscope, trigger: {trigger.sentence}'
     figure = titled_figure(title, 1.2 + PANEL_IN * len(units), parse_math=False)
-    panels: Any = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
+    what = 'time from the trigger [ms]' if record.trigger is not None else 'time from the first sample [ms]'
+    panels = column_of_panels(figure, ['' if unit == ONE else f'[{unit}]' for unit in units], what)
     origin = record.first + (record.trigger or 0)
     time_ms = 1e3 * (record.time_s - origin * record.setting.sample_time_s)
     colours = dict(zip(record.names, np.resize(COLOURS, len(record.names)).tolist(), strict=True))
@@ -46,8 +47,6 @@ def figure_of(record: Record) -> Figure:
         if record.trigger is not None:
             panel.axvline(0.0, color=MUTED, linewidth=0.8, linestyle=':')
         legend_above(panel)
-    what = 'time from the trigger [ms]' if record.trigger is not None else 'time from the first sample [ms]'
-    finish_over_time(panels, ['' if unit == ONE else f'[{unit}]' for unit in units], what)
     return figure
 
 
@@ -55,8 +54,6 @@ def draw(record: Record, path: Path, provenance: Provenance) -> Path:
     """Draw a record as PNG; raises FigureError."""
     figure = figure_of(record)
     add_foot(figure, provenance)
-    try:
+    with os_errors_as(f'cannot write figure {path}', FigureError):
         save(figure, path, provenance.lines())
-    except OSError as error:
-        raise FigureError(f'cannot write figure {path}: {error.strerror or error}') from error
     return path

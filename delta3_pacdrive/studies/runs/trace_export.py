@@ -124,7 +124,7 @@ def thinned(trace: Trace, every: int) -> Trace:
     if 'cycle_time_s' in meta:
         period = run_signals.positive(trace, 'cycle_time_s')
         start = run_signals.noted_cycle(trace, 'start_cycle') or 0
-        keep = (np.rint(trace.time_s / period).astype(np.int64) - start) % every == 0
+        keep = (run_signals.cycles_of(trace) - start) % every == 0
         meta = {key: value for key, value in meta.items() if key not in OF_CYCLES}
         meta['decimation'] = {'every': every, 'cycle_time_s': period, 'program_start_s': start * period}
     else:

@@ -15,6 +15,7 @@ from delta3_pacdrive.studies.drives.tuning import effect
 from delta3_pacdrive.studies.estimation.problem import Block, Problem
 from delta3_pacdrive.studies.estimation.quantities import TABLE
 from delta3_pacdrive.studies.estimation.solver import fit
+from delta3_pacdrive.studies.framework.columns import to_dict
 from delta3_pacdrive.studies.thesis.experiments.attribution import EFFECTS, Attribution, outcome_of
 from delta3_pacdrive.studies.thesis.experiments.compared_signals import QUANTITIES, Run
 from delta3_pacdrive.studies.thesis.experiments.comparison import Comparison
@@ -238,7 +239,7 @@ def test_the_effect_of_gains_on_a_program_is_that_of_its_trace(robot):
         'current_peak_a': peak.max(),
         'current_rms_a': math.sqrt((trace['current_rms'][first:] ** 2).mean(axis=0).max()),
     }
-    told = found.figures()
+    told = to_dict(found)
     assert {key: told[key] for key in expected} == pytest.approx(expected, rel=1e-9)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive.studies.framework.figure_style import (
     AXIS_COLOURS,
     COLOURS,
-    finish_over_time,
+    column_of_panels,
     panel_title,
     titled_figure,
 )
@@ -42,7 +42,8 @@ def motor_and_drive(found: SingleRun) -> Figure:
     figure = titled_figure(
         f'Figure 8.2: one MC-4, one motor: {found.program}, arm {found.axis}', 7.0, parse_math=False
     )
-    position, error, speed, current = figure.subplots(4, sharex=True)
+    labels = ('position [rad]', 'deviation [mrad]', 'speed [rad/s]', 'current [A]')
+    position, error, speed, current = column_of_panels(figure, labels)
     rows = found.driven
     time = found.time_s[rows]
     position.step(time, found.command[rows], where='post', label='command on the bus', **BLACK)
@@ -58,8 +59,6 @@ def motor_and_drive(found: SingleRun) -> Figure:
     current.plot(time, found.current[rows], label='$I_{eff}$', color=AXIS_COLOURS[0], **THIN)
     for axes in (position, error, speed, current):
         _legend(axes, 2)
-    labels = ('position [rad]', 'deviation [mrad]', 'speed [rad/s]', 'current [A]')
-    finish_over_time((position, error, speed, current), labels)
     return figure
 
 
@@ -68,7 +67,7 @@ def phase_currents(found: SingleRun) -> Figure:
     figure = titled_figure(
         f'Figure 8.3: currents of the motor: {found.program}, arm {found.axis}', 5.6, parse_math=False
     )
-    phases, effective, voltage = figure.subplots(3, sharex=True)
+    phases, effective, voltage = column_of_panels(figure, ('current [A]', 'current [A rms]', 'voltage [V]'))
     rows = found.driven
     time = found.time_s[rows]
     for n, colour in enumerate(AXIS_COLOURS):
@@ -77,7 +76,6 @@ def phase_currents(found: SingleRun) -> Figure:
     voltage.plot(time, found.voltage[rows], label='of a phase, rms', color=COLOURS[4], **THIN)
     for axes in (phases, effective, voltage):
         _legend(axes, 3)
-    finish_over_time((phases, effective, voltage), ('current [A]', 'current [A rms]', 'voltage [V]'))
     return figure
 
 
@@ -88,7 +86,7 @@ def torques(found: SingleRun) -> Figure:
         5.6,
         parse_math=False,
     )
-    all_torques, shaft = figure.subplots(2, sharex=True)
+    all_torques, shaft = column_of_panels(figure, ('torque [N m]', 'torque [N m]'))
     rows = found.driven
     time = found.time_s[rows]
     parts = (
@@ -105,6 +103,5 @@ def torques(found: SingleRun) -> Figure:
     shaft.plot(time, inertial, label='inertia times acceleration', color=COLOURS[5], linewidth=0.8)
     for axes in (all_torques, shaft):
         _legend(axes, 2)
-    finish_over_time((all_torques, shaft), ('torque [N m]', 'torque [N m]'))
     panel_title(shaft, f'shaft and load: {1e4 * found.inertia_kg_m2:.3f} kg cm2', parse_math=False)
     return figure

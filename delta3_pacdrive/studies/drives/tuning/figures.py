@@ -24,8 +24,8 @@ from delta3_pacdrive.studies.framework.figure_style import (
     DASHED,
     MUTED,
     NORM_COLOUR,
+    column_of_panels,
     dress,
-    finish_over_time,
     panel_title,
     titled_figure,
 )
@@ -182,7 +182,9 @@ def effects(variants: dict[str, Variant]) -> Figure:
     """Draw the following error of the drives and the TCP error over a program."""
     figure = titled_figure('Following error of the program', 6.6)
     axes = next((v.effect.axes for v in variants.values() if len(v.effect.time_s)), (1, 2, 3))
-    panels = figure.subplots(len(axes) + 1, 1, sharex=True)
+    drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
+    labels = [*(f'{drive}\n[mdeg]' for drive in drives), 'TCP error\n[µm]']
+    panels = column_of_panels(figure, labels, 'time from the start of the program [s]')
     shown = merged({name: variant.effect for name, variant in variants.items()}, _same_effect)
     for (name, effect), colour in zip(shown.items(), VARIANT_COLOURS, strict=False):
         if not len(effect.time_s):
@@ -192,9 +194,6 @@ def effects(variants: dict[str, Variant]) -> Figure:
             panels[i].plot(effect.time_s, 1e3 * np.degrees(effect.following_error_rad[:, i]), color=colour,
                            linewidth=1.0, label=name if i == 0 else None)  # fmt: skip
         panels[-1].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
-    drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
-    labels = [*(f'{drive}\n[mdeg]' for drive in drives), 'TCP error\n[µm]']
-    finish_over_time(panels, labels, 'time from the start of the program [s]')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)
     return figure

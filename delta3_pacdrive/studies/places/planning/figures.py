@@ -18,9 +18,9 @@ from delta3_pacdrive.studies.framework.figure_style import (
     MUTED,
     NORM_COLOUR,
     WHOLE,
+    column_of_panels,
     dress,
     figure_of_program,
-    finish_over_time,
     frame_path,
     keep_span,
     legend_above,
@@ -49,7 +49,6 @@ QUANTITY_COLOURS = dict(
         strict=True,
     )
 )
-TIME_LABEL = 'time from program start [s]'
 
 
 def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
@@ -80,7 +79,7 @@ def virtual_master(found: PlanStudy) -> Figure:
     master.plot([time, time, s.time_s[-1]], [0.0, distance, distance], **LIMIT)
     master.plot(time, distance, 'o', color=NORM_COLOUR, markersize=7, zorder=5)
     panel_title(master, 'master: distance s of the TCP motion')
-    master.set(xlabel=TIME_LABEL, ylabel='s [mm]', xlim=(s.time_s[0], s.time_s[-1]))
+    master.set(xlabel='time from program start [s]', ylabel='s [mm]', xlim=(s.time_s[0], s.time_s[-1]))
     master.set_ylim(bottom=0.0)
     for n, axes in enumerate(slaves):
         values = MM * s.position_m[:, n]
@@ -106,7 +105,8 @@ def position_and_velocity(found: PlanStudy) -> Figure:
     """Draw distance, speed, acceleration and jerk of the TCP over time (Fig. 6.3)."""
     s = found.samples
     figure = figure_of_program('Position and velocity path', found.planned.name, 7.2)
-    panels = list(figure.subplots(4, 1, sharex=True))
+    labels = ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]', 'jerk [m/s$^3$]']
+    panels = column_of_panels(figure, labels)
     _mark_moves(found, panels)
     panels[0].plot(s.time_s, MM * s.distance_m, color=INK, **LINE)
     panels[1].plot(s.time_s, s.tcp_speed_m_s, color=AXIS_COLOURS[0], **LINE)
@@ -120,8 +120,6 @@ def position_and_velocity(found: PlanStudy) -> Figure:
         axes.plot(s.time_s, along, color=AXIS_COLOURS[0], linewidth=1.2, label='along the path')
         axes.plot(s.time_s, limit, label='limit of the program', **LIMIT)
         axes.plot(s.time_s, -limit, **LIMIT)
-    labels = ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]', 'jerk [m/s$^3$]']
-    finish_over_time(panels, labels, TIME_LABEL)
     _legend_below(figure, panels[2])
     return figure
 
@@ -174,7 +172,8 @@ def over_path(found: PlanStudy) -> Figure:
     s = found.samples
     distance = MM * s.distance_m
     figure = figure_of_program('Over the path', found.planned.name, 7.2)
-    panels = list(figure.subplots(4, 1, sharex=True))
+    labels = ['TCP speed [m/s]', 'TCP acceleration\n[m/s$^2$]', 'TCP jerk [m/s$^3$]', 'curvature [1/m]']
+    panels = column_of_panels(figure, labels, 'distance along the path [mm]')
     for row in found.rows[1:] if len(found.rows) <= MOVES_MARKED else ():
         begin = MM * float(s.distance_m[np.searchsorted(s.move, row.number)])
         for axes in panels:
@@ -190,8 +189,6 @@ def over_path(found: PlanStudy) -> Figure:
         axes.set_ylim(bottom=0.0)
     panels[3].plot(distance, s.curvature_1_m, color=NORM_COLOUR, **LINE)
     keep_span([panels[3]], 0.1)
-    labels = ['TCP speed [m/s]', 'TCP acceleration\n[m/s$^2$]', 'TCP jerk [m/s$^3$]', 'curvature [1/m]']
-    finish_over_time(panels, labels, 'distance along the path [mm]')
     return figure
 
 
@@ -199,7 +196,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
     """Draw arm angles, motor speeds and motor torques including friction, with their limits."""
     s, motor, k = found.samples, parameters.motor, parameters.kinematics
     figure = figure_of_program('Arms and motors', found.planned.name, 6.8)
-    panels = list(figure.subplots(3, 1, sharex=True))
+    panels = column_of_panels(figure, ['arm angle [deg]', 'motor speed [rpm]', 'motor torque [N m]'])
     _mark_moves(found, panels)
     peak = motor.torque_constant_n_m_a * motor.peak_current_a
     nominal = motor.torque_constant_n_m_a * motor.nominal_current_a
@@ -215,7 +212,6 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
             axes.plot(s.time_s, values[:, i], color=colour, label=f'axis {i + 1}', linewidth=width)
         _bounds(axes, values, bounds, LIMIT)
     _bounds(panels[2], s.motor_torque_n_m, (-nominal, nominal), LIMIT | {'linestyle': (0, (1, 2))})
-    finish_over_time(panels, ['arm angle [deg]', 'motor speed [rpm]', 'motor torque [N m]'], TIME_LABEL)
     legend_above(panels[0])
     panel_title(
         panels[2], 'dashed: limit (peak current), dotted: nominal current, where they are near', color=MUTED
@@ -237,7 +233,7 @@ def limits(found: PlanStudy) -> Figure:
 
     s = found.samples
     figure = figure_of_program('What limits the plan', found.planned.name, 5.6)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(6, 1))
+    upper, lower = column_of_panels(figure, ['share of the limit [%]', ''], height_ratios=(6, 1))
     _mark_moves(found, [upper])
     for quantity, values in s.used.items():
         if values.max() > 0.0:
@@ -248,7 +244,6 @@ def limits(found: PlanStudy) -> Figure:
     for begin, end in pairwise(edges.tolist()):
         quantity = QUANTITIES[int(s.leading[begin])]
         lower.axvspan(s.time_s[begin], s.time_s[end], color=QUANTITY_COLOURS[quantity], linewidth=0.0)
-    finish_over_time([upper, lower], ['share of the limit [%]', ''], TIME_LABEL)
     upper.set_ylim(0.0, 108.0)
     lower.set_yticks([])
     lower.grid(visible=False)

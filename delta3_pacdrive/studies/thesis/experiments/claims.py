@@ -15,6 +15,7 @@ from delta3_pacdrive.studies.thesis.experiments.comparison import Comparison, St
 
 HOLDS, FAILS, UNKNOWN = 'holds', 'does not hold', 'cannot be known'
 DEPENDS = 'depends on the seed'
+LAST, OF_ALL = 3, 0  # last experiment; 11.1.4 is about all of them
 ALIKE_PERCENT = 1.0  # rms of the deviation relative to the peak: invisible in a printed figure
 APART_PERCENT = 10.0  # rms of the deviation relative to the model's rms: clearly visible
 FOLLOWS_PERCENT = 20.0  # largest rms deviation of an acceleration that follows its reference
@@ -123,56 +124,24 @@ def claims(
         return []
     rows = {(row.signal, row.column): row for row in comparison.statistics()}
     section = f'11.1.{number}'
-    whole = '11.1.4'
 
-    def row(
-        where: str, text: str, signal: str, column: str, judge: Judge, by_construction: str = ''
-    ) -> Claim:
-        statistics = rows.get((signal, column))
-        found = f'a run lacks {signal}' if statistics is None else judge(statistics)
-        return Claim.of(where, text, found, by_construction)
-
-    found = [
-        row(section, 'arm velocities match', 'arm_speed', 'all', _alike),
-        _ripple(section, number, comparison, elsewhere or {}),
-        row(
-            section, 'the acceleration follows its reference in the mean', 'arm_acceleration', 'all', _follows
-        ),
-    ]
-    if number == 1:
-        found += [
-            row(
-                section,
-                'the robot leaves its reference in y more than the model',
-                'tcp',
-                'y',
-                _robot_more,
-                PLANE,
-            ),
-            row(section, 'the model leaves its reference in x more than the robot', 'tcp', 'x', _model_more),
-            row(section, 'the model leaves its reference in z more than the robot', 'tcp', 'z', _model_more),
-            row(
-                section,
-                'the error norm of the model is larger than that of the robot',
-                'tcp_error_norm',
-                '',
-                _larger_norm,
-            ),
+    def judged(*experiments: int | None) -> list[Claim]:
+        return [
+            Claim.of(
+                section if one.experiment != OF_ALL else '11.1.4',
+                one.text,
+                one.judge(rows[one.signal]) if one.signal in rows else f'a run lacks {one.signal[0]}',
+                one.by_construction,
+            )
+            for one in ROWS
+            if one.experiment in experiments
         ]
-    if number == 3:
-        found.insert(1, _better(section, rows, elsewhere or {}))
-    if number == 2:
-        found.append(row(section, 'the error norms do not agree', 'tcp_error_norm', '', _apart))
-    return [
-        *found,
-        row(whole, 'the arm angles of the model follow the command', 'arm_angle', 'all', _reached),
-        row(whole, 'the TCP of the model follows the command', 'tcp', 'all', _reached),
-        row(whole, 'arm angles of model and robot are alike', 'arm_angle', 'all', _alike),
-        row(whole, 'TCP positions of model and robot are alike', 'tcp', 'all', _alike),
-        row(whole, 'the error norms deviate clearly', 'tcp_error_norm', '', _apart),
-        row(whole, 'the currents deviate clearly', 'current', 'all', _apart),
-        _dynamics(attribution),
-    ]
+
+    velocities, acceleration = judged(None)
+    better = [_better(section, rows, elsewhere or {})] if number == LAST else []
+    ripple = _ripple(section, number, comparison, elsewhere or {})
+    own = [velocities, *better, ripple, acceleration, *judged(number)]
+    return [*own, *judged(OF_ALL), _dynamics(attribution)]
 
 
 Judge = Callable[[Statistics], Value | str]
@@ -253,14 +222,14 @@ def _better(
 def _ripple(section: str, number: int, comparison: Comparison, elsewhere: Mapping[int, ArmSpeeds]) -> Claim:
     text = (
         'the robot has a smaller ripple of its velocities than in experiments 1 and 2'
-        if number == 3
+        if number == LAST
         else 'the robot has a ripple of its velocities that the model lacks'
     )
     if 'arm_speed' not in comparison.names:
         return Claim.of(section, text, 'a run lacks arm_speed')
     model, robot = (ripple_deg_s(comparison, run) for run in (comparison.model, comparison.robot))
     figure = f'robot {robot:.3g}, model {model:.3g} deg/s rms'
-    if number == 3:
+    if number == LAST:
         others = {n: elsewhere[n].ripple_deg_s for n in (1, 2) if n in elsewhere}
         if len(others) < 2:
             return Claim.of(section, text, f'{figure}; experiments 1 and 2 were not run')
@@ -295,3 +264,36 @@ def _dynamics(attribution: Attribution | None) -> Claim:
     share = 100.0 * sum(outcome.share.get(name, 0.0) for name in dynamic) / outcome.total
     figure = f'{share:.0f} % of the mean square; sensors, geometry and parameters cause {100.0 - share:.0f} %'
     return Claim.of('11.1.4', text, Value(share, '% of the mean square', DYNAMICS_PERCENT, True, figure))
+
+
+@dataclass(frozen=True)
+class Row:
+    """Claim that the statistics of one signal decide."""
+
+    experiment: int | None  # 1 to 3; OF_ALL for 11.1.4; None for the section of each experiment
+    text: str
+    signal: tuple[str, str]  # and column
+    judge: Judge
+    by_construction: str = ''
+
+
+ROWS = (
+    Row(None, 'arm velocities match', ('arm_speed', 'all'), _alike),
+    Row(None, 'the acceleration follows its reference in the mean', ('arm_acceleration', 'all'), _follows),
+    Row(1, 'the robot leaves its reference in y more than the model', ('tcp', 'y'), _robot_more, PLANE),
+    Row(1, 'the model leaves its reference in x more than the robot', ('tcp', 'x'), _model_more),
+    Row(1, 'the model leaves its reference in z more than the robot', ('tcp', 'z'), _model_more),
+    Row(
+        1,
+        'the error norm of the model is larger than that of the robot',
+        ('tcp_error_norm', ''),
+        _larger_norm,
+    ),
+    Row(2, 'the error norms do not agree', ('tcp_error_norm', ''), _apart),
+    Row(OF_ALL, 'the arm angles of the model follow the command', ('arm_angle', 'all'), _reached),
+    Row(OF_ALL, 'the TCP of the model follows the command', ('tcp', 'all'), _reached),
+    Row(OF_ALL, 'arm angles of model and robot are alike', ('arm_angle', 'all'), _alike),
+    Row(OF_ALL, 'TCP positions of model and robot are alike', ('tcp', 'all'), _alike),
+    Row(OF_ALL, 'the error norms deviate clearly', ('tcp_error_norm', ''), _apart),
+    Row(OF_ALL, 'the currents deviate clearly', ('current', 'all'), _apart),
+)

@@ -12,7 +12,6 @@ The current is the mean of all samples of the current loop in a bus cycle, becau
 rms are those of the samples.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,9 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.tables.quantities import unit_named
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.framework.columns import in_unit
 from delta3_pacdrive.studies.runs.clock_estimation import ON_GRID, resampled
 from delta3_pacdrive.studies.runs.measured import delay_cycles
 from delta3_pacdrive.studies.runs.run_signals import delayed, derivatives, positive, program_part, slope
@@ -36,26 +37,29 @@ class Quantity:
     text: str
     unit: str  # SI
     shown_unit: str
-    factor: float  # shown value = factor x value
     columns: tuple[str, ...]  # names of the columns; '' for a single one
     position: bool = False  # whether its peak is relative to its start instead of zero
+
+    @property
+    def factor(self) -> float:
+        """Shown value of 1 in SI."""
+        return float(in_unit(1.0, unit_named(self.shown_unit)))
 
 
 OF_SAMPLES = ('current_min', 'current_max', 'current_rms')  # in addition to the mean
 _AXES, XYZ, _NORM = ('1', '2', '3'), ('x', 'y', 'z'), ('',)
-_DEG = math.degrees(1.0)
 QUANTITIES = {
-    'arm_angle': Quantity('arm angle', 'rad', 'deg', _DEG, _AXES, True),
-    'arm_speed': Quantity('arm velocity', 'rad/s', 'deg/s', _DEG, _AXES),
-    'arm_acceleration': Quantity('arm acceleration', 'rad/s^2', 'deg/s^2', _DEG, _AXES),
-    'current': Quantity('current I_eff', 'A', 'A', 1.0, _AXES),
-    'current_at': Quantity('current I_eff in the AT', 'A', 'A', 1.0, _AXES),
-    'tcp': Quantity('TCP position', 'm', 'mm', 1e3, XYZ, True),
-    'tcp_error_norm': Quantity('norm of the TCP error', 'm', 'mm', 1e3, _NORM),
-    'tcp_error_norm_raw': Quantity('norm of the TCP error with set-point delay', 'm', 'mm', 1e3, _NORM),
-    'arm_angle_true': Quantity('true arm angle', 'rad', 'deg', _DEG, _AXES, True),
-    'tcp_true': Quantity('true TCP position', 'm', 'mm', 1e3, XYZ, True),
-    'tcp_error_norm_true': Quantity('norm of the true TCP error', 'm', 'mm', 1e3, _NORM),
+    'arm_angle': Quantity('arm angle', 'rad', 'deg', _AXES, position=True),
+    'arm_speed': Quantity('arm velocity', 'rad/s', 'deg/s', _AXES),
+    'arm_acceleration': Quantity('arm acceleration', 'rad/s^2', 'deg/s^2', _AXES),
+    'current': Quantity('current I_eff', 'A', 'A', _AXES),
+    'current_at': Quantity('current I_eff in the AT', 'A', 'A', _AXES),
+    'tcp': Quantity('TCP position', 'm', 'mm', XYZ, position=True),
+    'tcp_error_norm': Quantity('norm of the TCP error', 'm', 'mm', _NORM),
+    'tcp_error_norm_raw': Quantity('norm of the TCP error with set-point delay', 'm', 'mm', _NORM),
+    'arm_angle_true': Quantity('true arm angle', 'rad', 'deg', _AXES, position=True),
+    'tcp_true': Quantity('true TCP position', 'm', 'mm', XYZ, position=True),
+    'tcp_error_norm_true': Quantity('norm of the true TCP error', 'm', 'mm', _NORM),
 }
 
 

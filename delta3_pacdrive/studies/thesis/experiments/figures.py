@@ -18,6 +18,7 @@ from delta3_pacdrive.studies.framework.figure_style import (
     COLOURS,
     MUTED,
     WHOLE,
+    column_of_panels,
     dress,
     finish_over_time,
     frame_path,
@@ -206,7 +207,7 @@ def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
     }
     names = [name for name in texts if name in comparison.names]
     figure = titled_figure(f'{title}: norm of the TCP error', 1.8 + 1.7 * len(names))
-    column = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
+    column = column_of_panels(figure, ['error [mm]'] * len(names))
     for axes, name in zip(column, names, strict=True):
         top = 0.0
         hidden = {'linestyle': (0, (3, 3)), 'zorder': 3.5} if name == 'tcp_error_norm_raw' else {}
@@ -217,7 +218,6 @@ def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
             top = max(top, float(np.nanmax(values)))
         axes.set_ylim(0.0, max(1.08 * top, 1e-3))
         axes.set_title(texts[name], fontsize=9, loc='left' if axes is not column[0] else 'right')
-    finish_over_time(column, ['error [mm]'] * len(names))
     legend_above(column[0])
     return figure
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import asdict, fields
 from typing import Any
 
+from delta3_pacdrive.studies.framework.columns import TextColumn, text_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table, columns_of
 from delta3_pacdrive.studies.thesis.experiments.attribution import EFFECTS, Attribution
 from delta3_pacdrive.studies.thesis.experiments.claims import Claim, claims, claims_over_seeds
@@ -17,6 +18,17 @@ ACCELERATION = (
     'the actual acceleration is not measured: it is the slope of the least-squares line through the actual speed of '
     'the cycles within 2 ms on either side; the reference acceleration is the same slope of the reference speed'
 )
+SHOWN = [
+    TextColumn('', '{text}'),
+    TextColumn('', '{unit}'),
+    TextColumn('model max', '{model_max:.4g}'),
+    TextColumn('rms', '{model_rms:.4g}'),
+    TextColumn('robot max', '{robot_max:.4g}'),
+    TextColumn('rms', '{robot_rms:.4g}'),
+    TextColumn('apart max', '{deviation_max:.4g}'),
+    TextColumn('rms', '{deviation_rms:.4g}'),
+    TextColumn('% of peak', '{deviation_max_percent:.4g}'),
+]
 
 
 def tables(found: Results) -> list[Table]:
@@ -111,10 +123,10 @@ def summary(found: Results) -> dict[str, Any]:
         'acceleration': ACCELERATION,
         'references_apart_mm': apart if math.isfinite(apart) else None,
         'missing': missing,
-        'findings': [asdict(conclusion) for conclusion in concluded],
-        'claims': [asdict(claim) | {'sentence': claim.sentence} for claim in _claims(found)],
+        'findings': to_dict(concluded),
+        'claims': [to_dict(claim) | {'sentence': claim.sentence} for claim in _claims(found)],
         'truth': truth(rows),
-        'signals': [{'text': QUANTITIES[row.signal].text} | asdict(row) for row in rows],
+        'signals': [{'text': QUANTITIES[row.signal].text} | to_dict(row) for row in rows],
         'attribution': None if found.attribution is None else _attribution_summary(found.attribution),
         'notes': notes,
     }
@@ -126,7 +138,7 @@ def _attribution_summary(attribution: Attribution) -> dict[str, Any]:
         'effects': {name: EFFECTS[name].text for name in attribution.effects},
         'other_parameters': list(attribution.other_parameters),
         'outcomes': [
-            asdict(outcome) | {'unit': outcome.unit, 'total': outcome.total}
+            to_dict(outcome) | {'unit': outcome.unit, 'total': outcome.total}
             for outcome in attribution.outcomes.values()
         ],
         'explanations': explanations(attribution),
@@ -135,15 +147,8 @@ def _attribution_summary(attribution: Attribution) -> dict[str, Any]:
 
 def text(document: dict[str, Any]) -> list[str]:
     """Return a summary as lines of text."""
-    columns = ('model max', 'rms', 'robot max', 'rms', 'apart max', 'rms', '% of peak')
-    lines = [document['program'], f'{"":>42} {"":>8}' + ''.join(f'{column:>11}' for column in columns)]
-    for row in document['signals']:
-        if row['column'] not in ('', 'all'):
-            continue
-        keys = ('model_max', 'model_rms', 'robot_max', 'robot_rms', 'deviation_max', 'deviation_rms')
-        values = [row[key] for key in (*keys, 'deviation_max_percent')]
-        numbers = ''.join(f'{"" if value is None else format(value, ".4g"):>11}' for value in values)
-        lines.append(f'{row["text"]:>42} {row["unit"]:>8}{numbers}')
+    rows = [row for row in document['signals'] if row['column'] in ('', 'all')]
+    lines = [document['program'], *text_table(rows, SHOWN)]
     sentences = [conclusion['sentence'] for conclusion in document['findings']]
     sentences += [document['truth']] if document['truth'] else []
     lines.append('')

@@ -18,8 +18,8 @@ from delta3_pacdrive.studies.framework.figure_style import (
     COLOURS,
     DASHED,
     MUTED,
+    column_of_panels,
     dress,
-    finish_over_time,
     keep_span,
     legend_above,
     panel_title,
@@ -116,12 +116,11 @@ def tcp_position(trial: Trial) -> Figure:
 def joint_velocities(trial: Trial, errors: str) -> Figure:
     """Draw the joint velocities [deg/s], recorded and through the Jacobian (Fig. 11.27, 11.34, 11.41)."""
     figure = titled_figure(_title(trial, 'joint velocities', 2), 7.0)
-    panels = figure.subplots(3, 1, sharex=True)
+    panels = column_of_panels(figure, [rf'$\dot\theta_{joint}$ [deg/s]' for joint in JOINTS], 'time [s]')
     motion = trial.motion
     series = (trial.exact.velocity, trial.inexact.velocity, motion.thetadot)
     for i, axes in enumerate(panels):
         _curves(axes, motion.time_s, *(np.degrees(values[:, i]) for values in series))
-    finish_over_time(panels, [rf'$\dot\theta_{joint}$ [deg/s]' for joint in JOINTS], 'time [s]')
     _legend_of_curves(figure, errors)
     return figure
 
@@ -165,7 +164,9 @@ def velocity_deviation(trial: Trial, errors: str, note: str = '') -> Figure:
 def joint_acceleration(trial: Trial, joint: int, errors: str, note: str = '') -> Figure:
     """Draw a joint acceleration [deg/s^2], recorded and through J, and its deviation (Fig. 11.29 to 11.31)."""
     figure = titled_figure(_title(trial, f'acceleration of joint {joint}', 3 + joint), 6.4)
-    panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
+    labels = (rf'$\ddot\theta_{joint}$ [deg/s$^2$]', 'deviation\n[% of the peak]')
+    what = f'time [s]\n{note}' if note else 'time [s]'
+    panels = column_of_panels(figure, labels, what, height_ratios=(1.4, 1))
     motion, i = trial.motion, joint - 1
     series = (trial.exact.acceleration, trial.inexact.acceleration, motion.thetaddot)
     _curves(panels[0], motion.time_s, *(np.degrees(values[:, i]) for values in series))
@@ -174,8 +175,6 @@ def joint_acceleration(trial: Trial, joint: int, errors: str, note: str = '') ->
     _draw_courses(panels[1], trial, 'acceleration', i)
     if trial.courses:
         legend_above(panels[1])
-    labels = (rf'$\ddot\theta_{joint}$ [deg/s$^2$]', 'deviation\n[% of the peak]')
-    finish_over_time(panels, labels, f'time [s]\n{note}' if note else 'time [s]')
     _legend_of_curves(figure, errors)
     return figure
 
@@ -280,11 +279,10 @@ def _scale(axes: Axes, span: float) -> None:
 
 def _three_panels(title: str, trial: Trial, labels: list[str], values: Floats) -> Figure:
     figure = titled_figure(title, 6.0)
-    panels = figure.subplots(3, 1, sharex=True)
+    panels = column_of_panels(figure, labels, 'time [s]')
     for axes, column, colour in zip(panels, values.T, AXIS_COLOURS, strict=True):
         axes.plot(trial.motion.time_s, column, color=colour, linewidth=1.6)
     keep_span(panels, 1.0)
-    finish_over_time(panels, labels, 'time [s]')
     return figure
 
 

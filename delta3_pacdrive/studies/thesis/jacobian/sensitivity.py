@@ -71,7 +71,7 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
     for pose in Pose:
         for symbol, key in LENGTHS.items():
             change = slope(motion, kinematics, symbol, pose)
-            needed = partial(_needed, motion, kinematics, symbol, pose, target)
+            needed = partial(_needed, motion, kinematics, symbol, pose=pose, target=target)
             velocity = _share(change.velocity, motion.thetadot)
             acceleration = _share(change.acceleration, motion.thetaddot)
             rows.append(
@@ -121,9 +121,10 @@ def _needed(
     motion: Motion,
     kinematics: Kinematics,
     symbol: str,
+    per_millimetre: float,
+    *,
     pose: Pose,
     target: float,
-    per_millimetre: float,
     momentary: bool = False,
 ) -> float | None:
     """Return the positive error [m] with which the largest deviation is ``target``; None if there is none.
