@@ -10,7 +10,7 @@ from delta3_pacdrive.belts.model import BeltState, Camera
 
 @dataclass(frozen=True)
 class Sighting:
-    """A part as reported by a camera, with belt coordinates and encoder count at exposure."""
+    """A part seen by a camera: type, position and angle on the belt, and encoder count of the picture."""
 
     type: str
     along_m: float
@@ -33,16 +33,12 @@ class CameraState:
 
     def __init__(self, camera: Camera, cycle_time_s: float, generator: np.random.Generator) -> None:
         self._camera, self._generator = camera, generator
-        self._latency_cycles = math.ceil(camera.latency_s / cycle_time_s - 1e-9)
+        # bus cycles from a picture to its result
+        self.latency_cycles = math.ceil(camera.latency_s / cycle_time_s - 1e-9)
         self._next_m = camera.every_m
         self._late: list[tuple[int, list[Sighting]]] = []
         self.pictures = 0
         self.dead = False
-
-    @property
-    def latency_cycles(self) -> int:
-        """Bus cycles from a picture to its result."""
-        return self._latency_cycles
 
     def step(self, cycle: int, belt: BeltState) -> list[Sighting]:
         """Advance to a bus cycle, after the belt; return the parts reported in it."""
@@ -52,7 +48,7 @@ class CameraState:
             )
             if not self.dead:
                 self.pictures += 1
-                self._late.append((cycle + self._latency_cycles, self._seen(belt)))
+                self._late.append((cycle + self.latency_cycles, self._seen(belt)))
         reported = [one for due, seen in self._late if due <= cycle for one in seen]
         self._late = [row for row in self._late if row[0] > cycle]
         return reported

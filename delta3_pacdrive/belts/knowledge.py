@@ -195,18 +195,6 @@ class BeltKnowledge:
         since = self.now(belt).way_m - self.observed.pictures_m[belt]
         return since if 0.0 < BLIND * every < since else 0.0
 
-    def jumps(self, belt: int) -> int:
-        """Return the number of encoder jumps of a belt."""
-        return self.observed.jumps[belt]
-
-    def bounced(self, belt: int) -> int:
-        """Return the number of repeated latches at the light barrier of a belt."""
-        return self.observed.bounced[belt]
-
-    def dropped(self, belt: int) -> int:
-        """Return the number of discarded parts of a belt."""
-        return self.observed.dropped[belt]
-
     def take_parts(self, belt: int) -> list[QueuedPart]:
         """Remove and return the reported parts of a belt."""
         parts = list(self.parts[belt])

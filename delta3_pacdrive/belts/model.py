@@ -246,7 +246,7 @@ class BeltState:
         self.parts: list[OnBelt] = []
         self.latches: list[Latch] = []
         self.count = 0
-        self._way = 0.0
+        self.way_m = 0.0  # travel of the surface at the beginning of this bus cycle
         self._waiting = self._drawn(generator)
         self._generator = generator
         self._jump_m = 0.0
@@ -273,11 +273,6 @@ class BeltState:
         """Time of the beginning of a bus cycle [s], relative to ``start_cycle``."""
         return (cycle - self._start) * self._cycle_time_s
 
-    @property
-    def way_m(self) -> float:
-        """Travel of the surface at the beginning of this bus cycle [m]."""
-        return self._way
-
     def jump(self, jump_m: float) -> None:
         """Add an offset [m] to the encoder from now on."""
         if jump_m != self._jump_m:
@@ -294,15 +289,15 @@ class BeltState:
 
     def along_m(self, part: OnBelt) -> float:
         """Position of a part along the belt at the beginning of this bus cycle [m]."""
-        return part.along_m + self._way
+        return part.along_m + self.way_m
 
     def step(self, cycle: int) -> list[OnBelt]:
         """Advance to a bus cycle; return the parts that entered the belt in it."""
         time = self.time_s(cycle)
-        before, self._way = self._way, self._motion.surface_m(time)
+        before, self.way_m = self.way_m, self._motion.surface_m(time)
         self.count = self._count(time)
         come = []
-        while self._waiting and self._waiting[0].along_m + self._way >= 0.0:
+        while self._waiting and self._waiting[0].along_m + self.way_m >= 0.0:
             come.append(self._waiting.pop(0))
         self.parts += come
         if self.belt.barrier is not None:
@@ -314,7 +309,7 @@ class BeltState:
         if barrier is None:
             return
         for part in self.parts:
-            if part.along_m + before < barrier.at_m <= part.along_m + self._way:
+            if part.along_m + before < barrier.at_m <= part.along_m + self.way_m:
                 passed = self._passing(part, cycle) + barrier.delay_s
                 self._barred.append((passed, part.number))
                 if barrier.bounce_s > 0.0:
@@ -346,7 +341,7 @@ class BeltState:
 
     def put(self, part: OnBelt) -> None:
         """Place a part on the moving surface."""
-        part.along_m -= self._way
+        part.along_m -= self.way_m
         self.parts.append(part)
 
     def take(self, number: int) -> None:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
+from delta3_pacdrive.belts.camera import Sighting
 from delta3_pacdrive.belts.knowledge import BeltKnowledge, Observed, Phase, Tracked, TrackOrder
 from delta3_pacdrive.belts.meeting import BeltAxes, lag_of, max_speed_while_stopping, transition_off
 from delta3_pacdrive.belts.prediction import BeltObserver
@@ -39,23 +40,12 @@ SHORT_M = 0.005  # tolerance before the window, for a belt that slows down sligh
 
 
 @dataclass(frozen=True)
-class Sighted:
-    """A part seen by a camera: type, position and angle on the belt, and encoder count of the picture."""
-
-    type: str
-    along_m: float
-    across_m: float
-    angle_rad: float
-    count: int
-
-
-@dataclass(frozen=True)
 class BeltReading:
     """Reading of a belt in the AT of a bus cycle."""
 
     count: int  # of its encoder at the start of the cycle
     latched: tuple[int, ...] = ()  # counts latched by its light barrier
-    sighted: tuple[Sighted, ...] = ()
+    sighted: tuple[Sighting, ...] = ()
     pictures: int = 0  # number of pictures taken by its camera
 
 
@@ -208,7 +198,7 @@ class BeltTracking(BeltKnowledge):
         if self._order is None:
             self._set_lost(f'the plan gets on a belt in bus cycle {cycle}, but no belt has been selected')
             return
-        self._jumps = self.jumps(self._order.belt)
+        self._jumps = self.observed.jumps[self._order.belt]
         self._phase = Phase.ON_BELT
         self._begin(cycle)
 
@@ -272,10 +262,9 @@ class BeltTracking(BeltKnowledge):
             self._set_lost(
                 f'{where}: it runs at {speed_m_s:.3f} m/s, the robot at {order.limits.speed_m_s:g} m/s at most'
             )
-        elif self.jumps(order.belt) - self._jumps > JUMPS_MAX:
+        elif (jumps := self.observed.jumps[order.belt] - self._jumps) > JUMPS_MAX:
             self._set_lost(
-                f'{where}: its encoder has jumped {self.jumps(order.belt) - self._jumps} times, so the '
-                'position of the part is unknown'
+                f'{where}: its encoder has jumped {jumps} times, so the position of the part is unknown'
             )
 
     def watch_speed(self, cycle: int, timeline: Timeline | None) -> None:

@@ -101,8 +101,8 @@ class BeltParts:
         )
 
     def _counts(self) -> tuple[int, int, int]:
-        tracking, n = self._tracking, self._belt
-        return tracking.dropped(n), tracking.bounced(n), tracking.jumps(n)
+        observed, n = self._tracking.observed, self._belt
+        return observed.dropped[n], observed.bounced[n], observed.jumps[n]
 
     def _update(self) -> None:
         for one in self._tracking.take_parts(self._belt):

@@ -2,7 +2,7 @@
 
 from delta3_pacdrive.belts.meeting import BeltAxes
 from delta3_pacdrive.belts.synchronization import TrackWindow
-from delta3_pacdrive.belts.tracking import BeltReading, Sighted
+from delta3_pacdrive.belts.tracking import BeltReading
 from delta3_pacdrive.cell.cell import Cell
 from delta3_pacdrive.cell.world import World
 
@@ -34,10 +34,7 @@ def readings(world: World) -> list[BeltReading]:
         BeltReading(
             state.count,
             () if name in world.sightings else tuple(latch.count for latch in state.latches),
-            tuple(
-                Sighted(one.type, one.along_m, one.across_m, one.angle_rad, one.count)
-                for one in world.sightings.get(name, ())
-            ),
+            tuple(world.sightings.get(name, ())),
             world.pictures(name),
         )
         for name, state in world.belts.items()

@@ -288,9 +288,9 @@ class SimulatedOperation:
         reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._rotary()))
         axes.accept_cycles(reached - cycle, robot.answers, robot.status.tolist())
         if reached == after:
-            task.commanded_to(after)
+            task.next_cycle = after
             return after
-        task.commanded_to(reached + 1)
+        task.next_cycle = reached + 1
         self._evaluate(reached)
         return reached + 1
 

@@ -7,10 +7,11 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
 from delta3_pacdrive.belts import knowledge as belt_knowledge
+from delta3_pacdrive.belts.camera import Sighting
 from delta3_pacdrive.belts.meeting import BeltAxes
 from delta3_pacdrive.belts.queue import QueuedPart
 from delta3_pacdrive.belts.synchronization import Motion, TrackLimits, TrackWindow
-from delta3_pacdrive.belts.tracking import JUMPS_MAX, BeltReading, BeltTracking, Sighted, TrackOrder
+from delta3_pacdrive.belts.tracking import JUMPS_MAX, BeltReading, BeltTracking, TrackOrder
 from delta3_pacdrive.control.cycle.transformation import DISABLE_CYCLES, Transformation
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.planning.limits.limits import Limits
@@ -212,7 +213,7 @@ def test_released_the_robot_is_free_and_the_next_order_counts():
 
 def test_a_jump_of_the_encoder_moves_nothing_and_too_many_are_told():
     bench = Bench(steady, {400: 0.03}).order(0.4).run(600)
-    assert bench.tracking.jumps(0) == 1
+    assert bench.tracking.observed.jumps[0] == 1
     assert bench.tracking.lost is None
     assert np.abs(bench.along(400, 600) - bench.due(0.4, 400, 600)).max() < 0.2e-3
     often = {400 + 60 * n: 0.03 for n in range(JUMPS_MAX + 1)}
@@ -233,7 +234,7 @@ def test_a_latch_tells_where_the_part_is_less_the_delay_of_the_barrier():
 
 def test_a_camera_tells_type_place_and_angle_with_the_count_of_its_picture():
     tracking = Bench(steady).run(300, never).tracking
-    seen = Sighted('bar', 0.5, 0.02, 0.3, math.floor(PER_M * 0.1))
+    seen = Sighting('bar', 0.5, 0.02, 0.3, math.floor(PER_M * 0.1))
     tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), (), (seen,))])
     (part,) = tracking.parts[0]
     assert part == QueuedPart('bar', pytest.approx(0.4, abs=2e-6), 0.02, 0.3, belt='line')
@@ -245,7 +246,7 @@ def test_a_light_barrier_that_bounces_tells_a_part_once():
     bench.tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), latched)])
     (part,) = bench.tracking.parts[0]
     assert part.along_m == pytest.approx(0.3 - 0.14 + 0.0005, abs=5e-6)
-    assert bench.tracking.bounced(0) == 2
+    assert bench.tracking.observed.bounced[0] == 2
 
 
 def test_a_camera_that_takes_no_picture_for_too_long_is_dead():
@@ -348,12 +349,12 @@ def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(
     counts = [math.floor(PER_M * 0.1 * n) for n in range(5)]
     for cycle, count in enumerate(counts):
         tracking.observe(cycle, [BeltReading(math.floor(PER_M * 0.01), (count,))])
-    assert tracking.dropped(0) == 2
+    assert tracking.observed.dropped[0] == 2
     taken = tracking.take_parts(0)
     assert [part.along_m for part in taken] == pytest.approx([0.3 - 0.1 * n for n in (2, 3, 4)], abs=1e-3)
     assert tracking.take_parts(0) == []
     tracking.observe(5, [BeltReading(math.floor(PER_M * 0.01), (counts[-1] + 1,))])
-    assert tracking.bounced(0) == 1  # the last one that was told is not forgotten
+    assert tracking.observed.bounced[0] == 1  # the last one that was told is not forgotten
 
 
 @pytest.mark.parametrize('jump_m', [0.03, -0.03])
@@ -371,7 +372,7 @@ def test_a_part_in_a_picture_from_before_a_jump_is_told_where_it_was_then(jump_m
     count = observed(0.0, pictures=1)
     for _ in range(80):
         observed(jump_m, pictures=1)
-    observed(jump_m, Sighted('bar', 0.2, 0.0, 0.0, count), pictures=1)
+    observed(jump_m, Sighting('bar', 0.2, 0.0, 0.0, count), pictures=1)
     (part,) = bench.tracking.take_parts(0)
-    assert bench.tracking.jumps(0) == 1
+    assert bench.tracking.observed.jumps[0] == 1
     assert part.along_m == pytest.approx(there_m, abs=1e-5)

@@ -393,7 +393,7 @@ def test_what_was_before_a_script_does_not_concern_it(node, called, robot):
     assert len(tracking.parts[0]) == 2
     node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
     another = BeltRobot(ConnectedLink(node, robot), 'another')
-    assert tracking.jumps(0) > 0
+    assert tracking.observed.jumps[0] > 0
     assert another.belt('line').jumps == 0
     assert another.belt('line').waiting == 0
 

@@ -125,7 +125,7 @@ def test_a_hold_in_the_middle_stays_on_the_trajectory_and_a_resume_ends_at_the_g
     held = task.hold()
     while task.next_cycle < task.end_cycle + 50:
         commands.append(task.command(task.next_cycle).motors.copy())
-    stands = task.master(task.next_cycle).distance_m
+    stands = task.timeline.at(task.next_cycle).distance_m
     assert held.held
     assert 0.5 < stands < 0.7
     angles = sample_path([stands], plan.move(0).segments)[0, 0]

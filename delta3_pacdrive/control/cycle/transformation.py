@@ -27,7 +27,7 @@ from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Parameters, numbered
-from delta3_pacdrive.planning.execution import MasterState, MotionProfile, Timeline
+from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.planning.paths.curves import point
 from delta3_pacdrive.planning.paths.move import TRACK_BIT, Move, MoveKind
@@ -127,7 +127,7 @@ class Transformation:
                 Event.DISABLE: lambda *_: self.disable(),
             }
         )
-        self.next_cycle = 0
+        self.next_cycle = 0  # also set after compiled code has commanded the cycles before it
         self.loaded = False
         self.extensions = 0  # plan extensions so far
         self.own_profile: MotionProfile | None = None  # the last one that the task generated itself
@@ -376,10 +376,6 @@ class Transformation:
         """Whether the master is stopping or at rest on its path."""
         return self.profile is not None and self.profile.held
 
-    def master(self, cycle: int) -> MasterState:
-        """Return the state of the master in a cycle of the active motion profile."""
-        return self.timeline.at(cycle)
-
     @property
     def moves(self) -> int:
         """Number of moves of the program loaded last."""
@@ -505,10 +501,6 @@ class Transformation:
     def _off(self) -> Floats:
         """Return the deviations of all motors from their commands [rad]."""
         return np.concatenate([self.state['off'][0], *(axis.state['off'] for axis in self.rotary)])
-
-    def commanded_to(self, cycle: int) -> None:
-        """Set the next cycle, after compiled code has commanded the cycles before it."""
-        self.next_cycle = cycle
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
         """Evaluate the feedback of a cycle, in order; return it as a record ``ANSWER``.

@@ -15,13 +15,14 @@ from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.faults.fault import AT_FAULTS
+from delta3_pacdrive.robot.faults.fault import AT_FAULTS, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.buffers import AnswerBuffer, InputImage
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.losses import NO_ANSWER
+from delta3_pacdrive.robot.sercos.master import Announce, Greet
 from delta3_pacdrive.robot.sercos.scheduler import BusStatistics, CycleScheduler
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
@@ -30,8 +31,17 @@ from delta3_pacdrive.robot.sercos.watchdog import Watchdog
 Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
 
 
-class CycleCallbacks(Protocol):
-    """Functions called in bus cycles."""
+class ControllerCallbacks(Protocol):
+    """Functions that the controller calls to act on the ROS graph."""
+
+    def announce(self, announcement: Announce) -> None:
+        """Announce a phase of the bus."""
+
+    def greet(self, greeting: Greet) -> None:
+        """Send a greeting to the drives outside cyclic operation."""
+
+    def check_faults(self, faults: Sequence[Fault]) -> None:
+        """Raise ProgramError for faults of a program that cannot be injected."""
 
     def start_ticks(self, delay_s: float) -> None:
         """Start the timer of bus cycles after a delay [s]; the first cycle is due at its first tick."""
@@ -82,7 +92,7 @@ class CyclicOperation:
         timing: Timing,
         parts: RobotParts,
         faults: Schedule,
-        callbacks: CycleCallbacks,
+        callbacks: ControllerCallbacks,
         gate: ScriptGate,
         fall: Callable[[RobotFault], None],
     ) -> None:

@@ -5,11 +5,11 @@ Pure, as ``RobotState``; actions are added to those of the robot state.
 
 import math
 from collections.abc import Callable
+from enum import Enum
 from typing import Any
 
 from delta3_pacdrive.control.actions import AccessRequested, Logged, Replied
 from delta3_pacdrive.control.cycle.transformation import Transformation
-from delta3_pacdrive.control.operation.fault_reset import FaultReset, ResetEvent, ResetState
 from delta3_pacdrive.control.operation.robot_state import Bus, RobotState
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
@@ -22,12 +22,22 @@ DISPLACED_RAD = 0.02  # largest rotation of the tool while a program is held
 DISPLACED_M = 5e-3  # largest displacement while a program is held; allows for the sag into the brakes
 
 
+class ResetState(Enum):
+    """State of a fault reset."""
+
+    NONE = 'no reset is active'
+    WAITING = 'a drive is still in torque'
+    ASKED = 'the drives are clearing their faults'
+
+
 class Enabling:
     """Enabling, disabling and fault reset of the drives of one robot."""
 
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor, state: RobotState) -> None:
         self._bus, self._task, self._axes, self._state = bus, task, axes, state
-        self._reset = FaultReset()
+        self._reset = ResetState.NONE
+        self._reset_request: Any = None  # to reply to
+        self._reset_awaited, self._reset_errors = 0, list[str]()  # replies of drives: outstanding, and errors
         self._waiting: list[Any] = []  # enable requests while the drives are being disabled
 
     def enable(self, request: Any) -> Reason | str | None:
@@ -106,12 +116,12 @@ class Enabling:
         fault = self._state.fault
         if not fault:
             return Reason(Code.STATE, 'there is no fault')
-        if self._reset.under_way:
+        if self._reset is not ResetState.NONE:
             return Reason(Code.STATE, 'faults are being cleared already')
         if self._bus.closed():
             waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
             return Reason(Code.BUS, f'cannot be cleared now: {fault}{waiting}', fault)
-        self._reset.begin(request)
+        self._reset, self._reset_request = ResetState.WAITING, request
         self.poll()
         return None
 
@@ -119,27 +129,32 @@ class Enabling:
         """Continue waiting requests; a drive that is being enabled counts as in torque for a reset."""
         if self._waiting:
             self._reply_to_waiting(self.enable)
-        if self._reset.state is ResetState.WAITING and self._state.without_torque:
+        if self._reset is ResetState.WAITING and self._state.without_torque:
             drives = len(self._axes.status)
-            self._reset.ask(drives)
+            self._reset, self._reset_awaited, self._reset_errors = ResetState.ASKED, drives, []
             asked = [AccessRequested(index, RESET_CLASS_1, self._take_answer) for index in range(drives)]
             self._state.actions.extend(asked)
 
     def handle_bus_loss(self, fault: RobotFault) -> None:
         """Reject waiting requests, because cyclic operation has ended."""
         self._reply_to_waiting(lambda _: Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
-        if self._reset.handle(ResetEvent.BUS_LOST):
+        if self._reset is not ResetState.NONE:
             self._reply(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 
     def _take_answer(self, index: int, answer: Answer) -> None:
-        if self._reset.answered(f'{ALL_DRIVES[index]}: {answer.sentence}' if answer.error else ''):
+        if self._reset is not ResetState.ASKED:
+            return
+        self._reset_awaited -= 1
+        if answer.error:
+            self._reset_errors.append(f'{ALL_DRIVES[index]}: {answer.sentence}')
+        if not self._reset_awaited:
             self._reply(self._clear_faults())
 
     def _clear_faults(self) -> Reason | None:
         """Make the robot ready at its present position after the drives have cleared their faults; return why not."""
         fault = self._state.fault
-        if self._reset.errors:
-            errors = '; '.join(self._reset.errors)
+        if self._reset_errors:
+            errors = '; '.join(self._reset_errors)
             return Reason(Code.FAULT, f'{errors}; the cause may last: {fault}', fault)
         if self._state.in_torque:
             return Reason(Code.STATE, 'a drive is in torque still')
@@ -151,11 +166,10 @@ class Enabling:
         return None
 
     def _reply(self, reason: Reason | None) -> None:
+        """End the reset and reply to its request."""
+        self._reset = ResetState.NONE
         sentence = (
             f'reset rejected: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
         )
-        said, answered = (
-            Logged(sentence, error=reason is not None),
-            Replied(self._reset.request, reason, sentence),
-        )
-        self._state.actions.extend((said, answered))
+        reply = Replied(self._reset_request, reason, sentence)
+        self._state.actions.extend((Logged(sentence, error=reason is not None), reply))

@@ -241,7 +241,7 @@ class Orders:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:
             reason = Reason.of(error)
-        followed = self._state.followed
+        followed = self._state.published
         self._report('change', origin, reason, 0 if followed is None else followed.cycle)
 
     def _report(self, what: str, origin: Origin, reason: Reason | None = None, cycle: int = 0) -> None:

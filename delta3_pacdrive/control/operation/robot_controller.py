@@ -5,7 +5,7 @@ Pure: inputs arrive as calls, outputs go through ``ControllerCallbacks`` and the
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from delta3_pacdrive.belts.image import read_belts
 from delta3_pacdrive.control.actions import Logged
@@ -13,7 +13,7 @@ from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.operation.control import Control
 from delta3_pacdrive.control.operation.cyclic_operation import (
     Content,
-    CycleCallbacks,
+    ControllerCallbacks,
     CyclicOperation,
     RobotParts,
     Timing,
@@ -28,7 +28,7 @@ from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, Unreacha
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.recording.motion_progress import MotionProgress
-from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT, Fault
+from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos import master
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
@@ -40,19 +40,6 @@ from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.words import Phase
 
 ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
-
-
-class ControllerCallbacks(CycleCallbacks, Protocol):
-    """Functions that the controller calls to act on the ROS graph."""
-
-    def announce(self, announcement: master.Announce) -> None:
-        """Announce a phase of the bus."""
-
-    def greet(self, greeting: master.Greet) -> None:
-        """Send a greeting to the drives outside cyclic operation."""
-
-    def check_faults(self, faults: Sequence[Fault]) -> None:
-        """Raise ProgramError for faults of a program that cannot be injected."""
 
 
 class RobotController:

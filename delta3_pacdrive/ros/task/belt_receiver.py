@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from delta3_pacdrive.belts.camera import Sighting
 from delta3_pacdrive.belts.meeting import BeltAxes
-from delta3_pacdrive.belts.tracking import BeltReading, Sighted
+from delta3_pacdrive.belts.tracking import BeltReading
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
@@ -56,7 +57,7 @@ class BeltReceiver(CellReceiver):
         telegrams.require_session(frame, session, 'a message of belts')
         n = len(self._belts)
         latched: list[list[int]] = [[] for _ in range(n)]
-        sighted: list[list[Sighted]] = [[] for _ in range(n)]
+        sighted: list[list[Sighting]] = [[] for _ in range(n)]
         for at in range(0, len(events), EVENT):
             belt, kind, count, along, across, angle = events[at : at + EVENT]
             types = self._belts[int(belt)].types if 0 <= belt < n else ()
@@ -65,7 +66,7 @@ class BeltReceiver(CellReceiver):
             if kind < 0:
                 latched[int(belt)].append(int(count))
             else:
-                sighted[int(belt)].append(Sighted(types[int(kind)], along, across, angle, int(count)))
+                sighted[int(belt)].append(Sighting(types[int(kind)], along, across, angle, int(count)))
         readings = [
             BeltReading(int(values[k]), tuple(latched[k]), tuple(sighted[k]), int(values[n + k]))
             for k in range(n)

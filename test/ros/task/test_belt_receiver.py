@@ -9,14 +9,15 @@ from sensor_msgs.msg import JointState
 
 from belts import around, speed_of
 from cases import for_each
-from delta3_pacdrive.belts.tracking import BeltReading, Sighted
+from delta3_pacdrive.belts.camera import Sighting
+from delta3_pacdrive.belts.tracking import BeltReading
 from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.ros.task.belt_receiver import BeltReceiver, parts_of
 from delta3_pacdrive.simulation.belts import axes_of
 
 CAMERA = {'at_mm': 200, 'length_mm': 200, 'every_mm': 120}
 BELTS = axes_of(around([speed_of(0.4)], 3, camera=CAMERA))
-READING = BeltReading(1234, (1200, 1180), (Sighted('bar', 0.2, 0.01, 0.3, 1111),), 7)
+READING = BeltReading(1234, (1200, 1180), (Sighting('bar', 0.2, 0.01, 0.3, 1111),), 7)
 SESSION = 'a1b2'
 OUT_OF_RANGE = 'telegram contains a value that is out of range or not a number'
 
