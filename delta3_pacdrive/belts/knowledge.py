@@ -16,6 +16,7 @@ from delta3_pacdrive.belts.queue import QueuedPart
 from delta3_pacdrive.belts.synchronization import ZERO, Motion, TrackLimits, TrackWindow, transition_between
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
 
 PARTS_MAX = 10_000  # reported parts that have not been taken
 NUMBER_MAX, LIMIT_MIN = 1e6, 1e-3  # range of numbers in an order, in SI units
@@ -164,8 +165,8 @@ class BeltKnowledge:
         self.observed = Observed(
             -1, standing, tuple(0.0 for _ in belts), jumps=zero, bounced=zero, dropped=zero
         )
-        # newest PARTS_MAX parts of each belt since take_parts, in order of arrival
-        self.parts: list[deque[QueuedPart]] = [deque(maxlen=PARTS_MAX) for _ in belts]
+        # newest PARTS_MAX parts of each belt since take_parts, in order of arrival, with the bus cycle of their report
+        self.parts: list[deque[tuple[int, QueuedPart]]] = [deque(maxlen=PARTS_MAX) for _ in belts]
         self.lost: Reason | None = None  # why the robot could not stay on a belt, until cleared
 
     @property
@@ -195,11 +196,12 @@ class BeltKnowledge:
         since = self.now(belt).way_m - self.observed.pictures_m[belt]
         return since if 0.0 < BLIND * every < since else 0.0
 
-    def take_parts(self, belt: int) -> list[QueuedPart]:
-        """Remove and return the reported parts of a belt."""
-        parts = list(self.parts[belt])
-        self.parts[belt].clear()
-        return parts
+    def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
+        """Remove and return the parts reported on a belt up to a bus cycle."""
+        parts, taken = self.parts[belt], list[QueuedPart]()
+        while parts and parts[0][0] <= until:
+            taken.append(parts.popleft()[1])
+        return taken
 
     # the robot --------------------------------------------------------------------------------------------------------
 
@@ -249,4 +251,4 @@ class RemoteBelts(BeltKnowledge):
         self._tracked = Tracked.from_document(document['tracked'])
         self.lost = self._tracked.lost
         for known, reported in zip(self.parts, document['parts'], strict=True):
-            known.extend(QueuedPart(*one) for one in reported)
+            known.extend((self.observed.cycle, QueuedPart(*one)) for one in reported)

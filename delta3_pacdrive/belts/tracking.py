@@ -9,14 +9,13 @@ and stop; ``TrackOrder`` selects the belt.
 """
 
 import math
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
 from delta3_pacdrive.belts.camera import Sighting
-from delta3_pacdrive.belts.knowledge import BeltKnowledge, Observed, Phase, Tracked, TrackOrder
+from delta3_pacdrive.belts.knowledge import PARTS_MAX, BeltKnowledge, Observed, Phase, Tracked, TrackOrder
 from delta3_pacdrive.belts.meeting import BeltAxes, lag_of, max_speed_while_stopping, transition_off
 from delta3_pacdrive.belts.prediction import BeltObserver
 from delta3_pacdrive.belts.queue import QueuedPart
@@ -31,7 +30,7 @@ from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import HARD_RISE_S, Timeline
 from delta3_pacdrive.planning.plan import plan_motion_at
-from delta3_pacdrive.robot.sercos.bus_time import HISTORY, NEVER
+from delta3_pacdrive.robot.sercos.bus_time import HISTORY
 
 PICTURES_MAX = 1000  # pictures with parts still to be reported
 BOUNCE_M = 0.01  # minimum distance of two parts at a light barrier
@@ -58,8 +57,6 @@ class BeltTracking(BeltKnowledge):
         self._tcp_speed_limit = parameters.motion.tcp_speed_limit_m_s
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
         self._history = [self.observed] * HISTORY
-        # bus cycles in which the parts of each belt were reported
-        self._reported: list[deque[int]] = [deque(maxlen=parts.maxlen) for parts in self.parts]
         self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
         self._latched_m = [math.inf] * len(self.belts)  # last part reported by a light barrier
         self._pictures = [(0, 0.0)] * len(self.belts)  # number of pictures, and travel at the last one [m]
@@ -122,29 +119,15 @@ class BeltTracking(BeltKnowledge):
     def _report(self, cycle: int, belt: int, part: QueuedPart) -> None:
         parts = self.parts[belt]
         self._dropped[belt] += len(parts) == parts.maxlen
-        parts.append(part)
-        self._reported[belt].append(cycle)
-
-    def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
-        """Remove and return the parts reported on a belt up to a bus cycle."""
-        parts, cycles = self.parts[belt], self._reported[belt]
-        return [(cycles.popleft(), parts.popleft())[1] for _ in range(bisect_right(cycles, until))]
+        parts.append((cycle, part))
 
     def begin(self, cycle: int) -> None:
         """Discard parts beyond the window, for a script that starts with the feedback of a bus cycle."""
         estimates = self._history[cycle % HISTORY].estimates
         for n, belt in enumerate(self.belts):
             last = -math.inf if belt.window is None else belt.window.end_m - estimates[n].way_m
-            kept = [
-                (cycle, one)
-                for cycle, one in zip(self._reported[n], self.parts[n], strict=True)
-                if one.along_m <= last
-            ]
-            self._reported[n].clear()
-            self.parts[n].clear()
-            for cycle, part in kept:
-                self._reported[n].append(cycle)
-                self.parts[n].append(part)
+            kept = [row for row in self.parts[n] if row[1].along_m <= last]
+            self.parts[n] = deque(kept, maxlen=PARTS_MAX)
 
     def to_document(self, cycle: int, tracked: Tracked) -> dict[str, Any]:
         """Return the belt state in one of the last 64 bus cycles for the reply to a script.

@@ -227,7 +227,7 @@ def test_a_jump_of_the_encoder_moves_nothing_and_too_many_are_told():
 def test_a_latch_tells_where_the_part_is_less_the_delay_of_the_barrier():
     tracking = Bench(steady).run(300, never).tracking
     tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), (math.floor(PER_M * 0.14),))])
-    (part,) = tracking.parts[0]
+    (part,) = tracking.take_parts(0)
     # 1 ms at 0.5 m/s
     assert part.along_m == pytest.approx(0.3 - 0.14 + 0.0005, abs=5e-6)
 
@@ -236,7 +236,7 @@ def test_a_camera_tells_type_place_and_angle_with_the_count_of_its_picture():
     tracking = Bench(steady).run(300, never).tracking
     seen = Sighting('bar', 0.5, 0.02, 0.3, math.floor(PER_M * 0.1))
     tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), (), (seen,))])
-    (part,) = tracking.parts[0]
+    (part,) = tracking.take_parts(0)
     assert part == QueuedPart('bar', pytest.approx(0.4, abs=2e-6), 0.02, 0.3, belt='line')
 
 
@@ -244,7 +244,7 @@ def test_a_light_barrier_that_bounces_tells_a_part_once():
     bench = Bench(steady).run(300, never)
     latched = tuple(math.floor(PER_M * way) for way in (0.14, 0.141, 0.143))
     bench.tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), latched)])
-    (part,) = bench.tracking.parts[0]
+    (part,) = bench.tracking.take_parts(0)
     assert part.along_m == pytest.approx(0.3 - 0.14 + 0.0005, abs=5e-6)
     assert bench.tracking.observed.bounced[0] == 2
 

@@ -3,6 +3,9 @@
 Each cycle evaluates the plan for the TCP position, the inverse kinematics for the arm angles and the gear ratio for the
 motor shafts (thesis 6, 7). Feedback is used only for the following error and supervision, never for the next command,
 because several cycles may be outstanding.
+
+The module is long because all commands to the task, their events and the calls of its stages are in one class; the
+stages themselves are modules of their own.
 """
 
 import math

@@ -2,6 +2,8 @@
 
 Pure: requests, orders and feedback arrive as calls, outputs leave as actions. Only this class decides on stops and
 faults; ``Transformation`` executes them in the right bus cycle. Enabling and fault reset are in ``enabling``.
+
+The module is long because every event of the motion state is a method of this class.
 """
 
 from collections.abc import Callable

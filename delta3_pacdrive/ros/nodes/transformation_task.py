@@ -81,15 +81,7 @@ class TransformationTaskNode(PollingNode):
         self.commands = CommandSender(self, parameters.sends_torque, controller.services)
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters, controller, own['joint_motion'])
-        self._receiver = AtReceiver(
-            node=self,
-            cycles=clock,
-            polled=factor > 0.0,
-            statistics=self._cycles.statistics,
-            receive=self._cycles.take,
-            receive_greeting=controller.receive_greeting,
-            drives=controller.services.drives,
-        )
+        self._receiver = AtReceiver(self, clock, factor > 0.0, controller)
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         offer_service_requests(self, controller.services)
@@ -167,11 +159,11 @@ class TransformationTaskNode(PollingNode):
     # timers -----------------------------------------------------------------------------------------------------------
 
     def _start_up(self) -> None:
-        self._receiver.poll(self._cycles.due)
+        self._receiver.poll()
         self.controller.poll_start_up(second_writer(self))
 
     def _tick(self) -> None:
-        self._receiver.poll(self._cycles.due)
+        self._receiver.poll()
         self._inputs.poll()
         self._belts.poll()
         self._cycles.start_due()

@@ -1,17 +1,14 @@
 """Receivers of the cyclic telegrams of drives (AT) and of the inputs of the cell."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import ClassVar
 
-from delta3_pacdrive.control.operation.cyclic_operation import Content
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
-from delta3_pacdrive.robot.sercos.scheduler import BusStatistics
 from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION, parse_at_frame
 from delta3_pacdrive.ros.wire import cdr
@@ -94,37 +91,17 @@ class InputReceiver(CellReceiver):
 class AtReceiver:
     """Receives the drives' feedback for the master.
 
-    Parameters
-    ----------
-    polled
-        Whether only ``poll`` reads telegrams; otherwise each is handled on arrival.
-    statistics
-        Counts rejected telegrams.
-    receive
-        Called with axis index, bus cycle, content and time of arrival [ns], 0 if unknown.
-    receive_greeting
-        Called before cyclic operation, with axis index and content.
-
+    With ``polled`` only ``poll`` reads telegrams; otherwise each is handled on arrival.
     """
 
-    def __init__(
-        self,
-        node: PollingNode,
-        cycles: Clock,
-        polled: bool,
-        statistics: BusStatistics,
-        receive: Callable[[int, int, Content, int], None],
-        receive_greeting: Callable[[int, Content], None],
-        drives: Sequence[str] = DRIVES,
-    ) -> None:
+    def __init__(self, node: PollingNode, clock: Clock, polled: bool, controller: RobotController) -> None:
         self.session = NO_SESSION  # without a session no telegram is accepted
-        self._cycles, self._statistics = cycles, statistics
-        self._receive, self._receive_greeting = receive, receive_greeting
+        self._clock, self._controller, self._cycles = clock, controller, controller.cycles
         self._log = node.get_logger()
-        self._drives = drives
-        self._codecs = [cdr.codec(telegrams.at(axis)) for axis in drives]
+        self._drives = controller.services.drives
+        self._codecs = [cdr.codec(telegrams.at(axis)) for axis in self._drives]
         self._takes: list[Callable[[], Taken | None]] = []
-        for index, axis in enumerate(drives):
+        for index, axis in enumerate(self._drives):
             if polled:
                 # The clock triggers the task, so an AT need not wake it: it is read at the next tick.
                 self._takes.append(AT.polled_subscription(node, axis))
@@ -132,10 +109,10 @@ class AtReceiver:
                 callback = partial(self._on_at, index, received_ns=0)
                 AT.subscription(node, callback, axis, raw=True)
 
-    def poll(self, due: Callable[[int], bool]) -> None:
-        """Read telegrams of each axis while ``due`` returns True for it."""
+    def poll(self) -> None:
+        """Read telegrams of each axis while further ones are expected."""
         for index, take in enumerate(self._takes):
-            while due(index):
+            while self._cycles.due(index):
                 taken = take()
                 if taken is None:
                     break
@@ -146,17 +123,17 @@ class AtReceiver:
             return
         try:
             sec, nanosec, frame, values = self._codecs[index].decode(data)
-            cycle = self._cycles.count(sec, nanosec)
+            cycle = self._clock.count(sec, nanosec)
             status, service = parse_at_frame(frame, self.session)
         except TelegramError as error:
             self.refuse(f'{self._drives[index]}: {error}')
             return
         if cycle >= 0:
-            self._receive(index, cycle, (values, status, service), received_ns)
+            self._cycles.take(index, cycle, (values, status, service), received_ns)
         else:
-            self._receive_greeting(index, (values, status, service))
+            self._controller.receive_greeting(index, (values, status, service))
 
     def refuse(self, reason: str) -> None:
         """Count and log a rejected telegram."""
-        self._statistics.refused += 1
+        self._cycles.statistics.refused += 1
         self._log.warning(reason, throttle_duration_sec=1.0)

@@ -18,6 +18,7 @@ from delta3_pacdrive.robot.faults.fault import TASK, parse
 from delta3_pacdrive.robot.faults.schedule import Scheduled
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.scheduler import BusStatistics
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
@@ -116,16 +117,13 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     node = graph.add(PollingNode, 'master')
     taken: list[tuple[int, int, Any, int]] = []
     statistics = BusStatistics(16)
-    receiver = AtReceiver(
-        node, Clock(1e-3), True, statistics, lambda *what: taken.append(what), lambda *_: None
-    )
+    cycles = SimpleNamespace(statistics=statistics, take=lambda *what: taken.append(what), due=lambda _: True)
+    controller = SimpleNamespace(cycles=cycles, services=SimpleNamespace(drives=DRIVES))
+    receiver = AtReceiver(node, Clock(1e-3), True, controller)
     beside = node.create_polled_subscription(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publisher = graph.listener.create_publisher(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     publish, codec = cdr.raw_publish(publisher), cdr.codec(telegrams.AT[1])
     graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'the master')
-
-    def look() -> None:
-        receiver.poll(lambda _: True)
 
     def send(cycles: range, session: bytes = SESSION) -> None:
         """Publish AT, and wait until somebody beside the master has all of them."""
@@ -143,7 +141,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
         graph.spin_until(all_came, 'all of them', SOON_S)
 
     send(range(1))
-    graph.spin_until(lambda: look() or receiver.session == NO_SESSION, 'a look without a session')
+    graph.spin_until(lambda: receiver.poll() or receiver.session == NO_SESSION, 'a look without a session')
     assert (taken, statistics.refused) == ([], 0)  # between two sessions nobody expects anything
     receiver.session = SESSION
     published_ns = time.time_ns()
@@ -151,14 +149,14 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     came_ns = time.time_ns()
     looks = 0
     while len(taken) < BURST and looks < BURST:
-        look()
+        receiver.poll()
         looks += 1
     assert [(index, cycle) for index, cycle, _, _ in taken] == [(1, cycle) for cycle in range(BURST)]
     assert looks < 5
     # what arrives beside it may arrive here a moment later
     assert all(published_ns <= then_ns <= came_ns + 5_000_000 for *_, then_ns in taken)
     send(range(1), b'0001')
-    graph.spin_until(lambda: look() or statistics.refused == 1, 'the refusal')
+    graph.spin_until(lambda: receiver.poll() or statistics.refused == 1, 'the refusal')
     assert len(taken) == BURST
 
 
