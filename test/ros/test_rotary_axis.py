@@ -33,15 +33,15 @@ ON_THE_LINE_M = 1e-6  # it begins where the encoders say that the robot stands
 class Cell:
     """A robot without a clock that is about to move along x."""
 
-    def __init__(self, graph: Any, rotary: bool = True) -> None:
+    def __init__(self, graph: Any, rotary: bool = True, second: bool = False) -> None:
         self.graph = graph
-        own = {'motion__start_cycle': -1, 'rotary__present': rotary}
+        own = {'motion__start_cycle': -1, 'rotary__present': rotary, 'rotary_2__present': second}
         self.mdt = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
         self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
         self.turns = graph.listen(Vector3Stamped, 'tool/turn', CYCLIC_PUBLISHER)
         self.joints = graph.listen(JointState, 'joint_states', CYCLIC_PUBLISHER)
-        self.axes = AXES if rotary else DRIVES
+        self.axes = parameters.load().replace(**own).axes
         numbers = [str(n + 1) for n in range(len(self.axes))]
         self.task = graph.robot(('plant', *numbers, 'task'), **own)
         graph.add(UnitRobotNode, **own)
@@ -101,6 +101,28 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     assert MotionProgress.from_json(progress.to_json()) == progress
     assert progress.turn_rad == pytest.approx(told.x, abs=1e-3)
     assert max(abs(message.vector.z) for message in cyclic(cell.turns)) < math.radians(0.2)
+
+
+def test_a_robot_of_five_axes_turns_with_both_and_stops_without_the_fifth(graph: Any) -> None:
+    cell = Cell(graph, second=True)
+    both = graph.listen(Vector3Stamped, 'tool/turn_2', CYCLIC_PUBLISHER)
+    cell.move('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4, turn_deg: [90, -30]}}]')
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    assert cell.task.progress().fault == ''
+    assert cell.axes == (*AXES, 'axis5')
+    for messages in (cell.mdt, cell.shafts):
+        assert {tuple(message.name) for message in messages} == {cell.axes}
+        shafts = np.array(cyclic(messages)[-1].position[3:5]) / RATIO
+        assert shafts == pytest.approx([math.pi / 2, -math.pi / 6], abs=1e-3)
+    assert [cyclic(messages)[-1].vector.x for messages in (cell.turns, both)] == [math.pi / 2, -math.pi / 6]
+    assert cyclic(cell.joints)[-1].position[-2:] == pytest.approx([math.pi / 2, -math.pi / 6], abs=1e-3)
+    cell.operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.75], speed_m_s: 0.4, turn_deg: 0}}]')
+    cell.operator.call('start')
+    graph.spin_until(lambda: cell.task.progress().master_m > 0.07, 'a third of the way')
+    graph.remove(cell.drives[4])
+    cell.wait_for_rest()
+    assert cell.task.progress().fault_source == 'axis5'
+    assert stays_on_the_line(cell)
 
 
 def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:

@@ -97,3 +97,15 @@ def test_hold_and_override_keep_both_angles_with_the_path(machine):
     assert off_the_path() == pytest.approx([0.0, 0.0], abs=1e-12)
     stepped.go_to(task.end_cycle + 50)
     assert np.degrees(task.turns_rad) == pytest.approx(ANGLES_DEG, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    'fault', [{'fault': 'encoder_failure'}, {'fault': 'overload', 'torque_n_m': 5.0, 'for_s': 0.02}]
+)
+def test_a_fault_of_the_fifth_axis_stops_the_robot_on_its_path(fault, machine):
+    faults = [fault | {'axis': 'axis5', 'after_s': 0.3}]
+    trace = simulation.run(program(machine, faults=faults), machine)
+    assert trace.meta['stop_source'] == 'axis5'
+    assert START[0] < trace['tcp_command'][-1, 0] < THERE[0]
+    for name in ('turn_true', 'turn_true_2'):
+        assert np.ptp(trace[name][-100:, 0]) < 1e-3  # the brakes hold
