@@ -25,7 +25,7 @@ def program(machine, moves=LINE, **head):
 
 @pytest.fixture(scope='module', params=['model', 'rich'])
 def machine(request):
-    return parameters.load(request.param).replace(rotary__present=True, rotary_2__present=True)
+    return parameters.load(f'{request.param}+rotary_2')
 
 
 @pytest.fixture(scope='module')
