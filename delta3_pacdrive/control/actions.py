@@ -4,12 +4,12 @@ State machines return actions in order, and the nodes carry them out; a ``Job`` 
 of bus master and slaves concern telegrams only: ``robot.sercos.master``, ``robot.sercos.slave``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from delta3_pacdrive.control.messages import ORDER, RequestReport
+from delta3_pacdrive.control.messages import FAULT, ORDER, RequestReport
 from delta3_pacdrive.control.motion_state import Event, MotionState
 from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.numerics.types import Floats
@@ -98,6 +98,13 @@ class Ordered:
     faults: tuple[Fault, ...]
     row: tuple[float, ...]  # start cycle, override, numbers of the moves; of appended moves see ``Extension``
     kind: str = ORDER
+
+    def rows(self) -> Iterator[tuple[str, Any]]:
+        """Yield kind and values of each row of the message: moves, faults, and the row that ends them."""
+        count = len(self.moves)
+        yield from ((move.kind.name, move.to_array(n, count)) for n, move in enumerate(self.moves))
+        yield from ((FAULT, fault.to_row()) for fault in self.faults)
+        yield self.kind, self.row
 
 
 @dataclass(frozen=True)

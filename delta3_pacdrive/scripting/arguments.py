@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.errors import Code, ProgramError, Reason, ScriptError, shown
 from delta3_pacdrive.parameters import Motion
 from delta3_pacdrive.planning.program.file_reader import read_statement
 from delta3_pacdrive.planning.program.frames import Frame, Tool
@@ -15,6 +15,11 @@ from delta3_pacdrive.planning.program.output_names import OutputNames
 TIMEOUT_S = 10.0  # default timeout for inputs and parts
 TIME_MAX_S = 3600.0  # maximum time of a wait
 WITH_POINTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic')
+
+
+def script_error(code: Code, sentence: str) -> ScriptError:
+    """Return the error of a rejected call; its place is added later."""
+    return ScriptError(Reason(code, sentence))
 
 
 def plain(value: Any) -> Any:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.belts.meeting import BeltAxes, first_moved_s, require_feasible, transition_off
+from delta3_pacdrive.belts.prediction import BeltEstimate
 from delta3_pacdrive.belts.queue import QueuedPart
 from delta3_pacdrive.belts.synchronization import (
     Motion,
@@ -27,7 +28,7 @@ from delta3_pacdrive.scripting.source_position import ScriptPlace
 
 LIMIT_MAX = 1e6  # upper bound of acceleration and jerk limits
 INCREMENT_MAX_M = 20e-6
-STAND_S = 0.002  # duration of the dwell that replaces a first move of length 0
+DWELL_S = 0.002  # duration of the dwell that replaces a first move of length 0
 
 
 @dataclass
@@ -43,23 +44,27 @@ class Block:
     begun: bool = False
     closed: bool = False
     stopped: bool = False  # another client has stopped the robot, which no longer moves with the belt
-    stands: bool = False  # the first move has length 0
+    first_is_dwell: bool = False  # the first move has length 0 and is replaced by a dwell
 
     @property
     def reference_m(self) -> float:
         """Planned position of the part along the belt [m]: the middle of the window."""
         return 0.5 * (self.window.begin_m + self.window.end_m)
 
+    def offset_m(self, there: BeltEstimate) -> float:
+        """Return the belt offset [m] of the part for a state of the belt."""
+        return self.part.along_m + there.way_m - self.reference_m
+
     def begun_at(self, start_m: Point, batch: Sequence[Written]) -> list[Written]:
         """Return the statements of the block, with a first move of length 0 replaced by a dwell."""
         n, first = next((n, one) for n, (one, _) in enumerate(batch) if not isinstance(one, Output))
-        self.stands = isinstance(first, MoveL) and math.dist(first.to.point_m, start_m) < COINCIDENT_M
-        standing = [(Dwell(STAND_S), batch[n][1])] if self.stands else [batch[n]]
-        return [*batch[:n], *standing, *batch[n + 1 :]]
+        self.first_is_dwell = isinstance(first, MoveL) and math.dist(first.to.point_m, start_m) < COINCIDENT_M
+        first_written = [(Dwell(DWELL_S), batch[n][1])] if self.first_is_dwell else [batch[n]]
+        return [*batch[:n], *first_written, *batch[n + 1 :]]
 
     def first_s(self, plan: Plan) -> float:
         """Return the end of the first move in the plan [s]."""
-        return STAND_S if self.stands else first_moved_s(plan)
+        return DWELL_S if self.first_is_dwell else first_moved_s(plan)
 
 
 @dataclass(frozen=True)

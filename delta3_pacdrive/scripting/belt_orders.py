@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from delta3_pacdrive.belts.knowledge import BeltKnowledge, TrackOrder
+from delta3_pacdrive.belts.knowledge import TrackOrder
 from delta3_pacdrive.belts.meeting import (
     AHEAD_S,
     Meeting,
@@ -32,7 +32,7 @@ from delta3_pacdrive.planning.program.model import Dwell, Output
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.scripting.belt_block import (
-    STAND_S,
+    DWELL_S,
     Block,
     Leaving,
     belt_error,
@@ -55,6 +55,7 @@ class BeltOrders(ScriptOrders):
 
     def __init__(self, link: Link, name: str) -> None:
         super().__init__(link, name)
+        self._tracking = link.tracking
         self.block: Block | None = None  # open block of the script; None outside track
         self._working: Block | None = None  # latest block
         self._leaving: Leaving | None = None
@@ -84,19 +85,16 @@ class BeltOrders(ScriptOrders):
             self.abort_work()
 
     def _order_batch(self) -> None:
-        block, tracking = self.block, self._link.tracking
-        if tracking is None:
-            return super()._order_batch()
-        self._on_belt_cycle = None
+        block, self._on_belt_cycle = self.block, None
         try:
             if block is None:
-                self._delay_until_off_belt(tracking)
+                self._delay_until_off_belt()
             elif block.stopped:
                 raise belt_error('the robot was stopped and no longer moves with its belt')
             elif not block.begun:
-                self._get_on(block, tracking)
+                self._get_on(block)
             else:
-                self._require_later(block, tracking)
+                self._require_later(block)
         except Delta3Error:
             self.batch.clear()  # do not send rejected statements later
             raise
@@ -104,10 +102,9 @@ class BeltOrders(ScriptOrders):
         if block is not None:
             block.begun = True
             if block.closed:
-                self._note_leaving(block, tracking, None)
-        return None
+                self._note_leaving(block, None)
 
-    def _get_on(self, block: Block, tracking: BeltKnowledge) -> None:
+    def _get_on(self, block: Block) -> None:
         """Wait until the part is close enough, and prepend the entry to the belt to the batch."""
         check_block(self.batch, block.closed)
         self.ready()
@@ -119,24 +116,22 @@ class BeltOrders(ScriptOrders):
         # cycle since which the belt runs backwards; a belt that has just stopped is predicted to for a while
         backwards = NEVER
         planned: Planned | None = None
-        cycle_s = self.parameters.bus.cycle_time_s
+        cycle_s = self._cycle_s
         while True:
             seen = self.seen()
             if planned is None:
                 batch = block.begun_at(self.moves.plan_end_m or seen.planned_m, self.batch)
                 planned = self.moves.preview(batch, seen.planned_m, seen.turns_rad)
                 seen = self.seen()  # with a clock, planning has taken bus time
-            timeline = self.moves.timeline
-            begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
-            begin = begin if timeline is None else max(begin, timeline.end_cycle)
-            found = self._meeting(block, tracking, planned, begin)
+            begin = self._begin_after(seen.cycle + self.parameters.decision_cycles + self._clock_cycles)
+            found = self._meeting(block, planned, begin)
             if isinstance(found, Meeting) and found.wait_s <= SURE_S:
                 break
             reason = found.reason if isinstance(found, Miss) else None
             backwards = min(backwards, seen.cycle) if reason is MissReason.BACKWARDS else NEVER
             settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
             if isinstance(found, Miss) and reason is not MissReason.NOT_COMING and not settles:
-                raise belt_error(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
+                raise belt_error(f'belt {self._tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
                 why = found.sentence if isinstance(found, Miss) else 'the part has not reached the window'
                 raise WaitTimeoutError(
@@ -144,23 +139,32 @@ class BeltOrders(ScriptOrders):
                 )
             wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
             self.go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
-        self._require_bearable(planned, found, block, tracking)
+        self._require_bearable(planned, found, block)
         # with a clock, the cycle in which the order takes effect is unknown: _on_time shortens the wait
         self._on_belt_cycle = begin + found.wait_s / cycle_s if self._clock_cycles else None
         rate = self.moves.override
-        ahead: list[Written] = []
+        before: list[Written] = []
         # the controller must detect the end of the preceding belt before the next one
         wait_s = max(found.wait_s, 0.0 if self._leaving is None else APART_CYCLES * cycle_s)
         if wait_s > 0.5 * cycle_s:
-            ahead.append((Dwell(wait_s * rate), block.place))
-        ahead.append((Output(TRACK, 1.0), block.place))
+            before.append((Dwell(wait_s * rate), block.place))
+        before.append((Output(TRACK, 1.0), block.place))
         if found.pad_s > 0.5 * cycle_s:
-            ahead.append((Dwell(found.pad_s * rate), block.place))
-        behind = [(Output(TRACK, 0.0), block.place)] if block.closed else []
-        self.batch = [*ahead, *batch, *behind]
+            before.append((Dwell(found.pad_s * rate), block.place))
+        after = [(Output(TRACK, 0.0), block.place)] if block.closed else []
+        self.batch = [*before, *batch, *after]
         met_s = found.pad_s + block.first_s(planned.plan) / rate
         part_m, reference_m = block.part.along_m, block.reference_m
         self._link.track(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
+
+    @property
+    def _cycle_s(self) -> float:
+        return self.parameters.bus.cycle_time_s
+
+    def _begin_after(self, cycle: int) -> int:
+        """Return the first bus cycle, not before ``cycle``, after all ordered moves."""
+        timeline = self.moves.timeline
+        return cycle if timeline is None else max(cycle, timeline.end_cycle)
 
     @property
     def _clock_cycles(self) -> int:
@@ -170,19 +174,18 @@ class BeltOrders(ScriptOrders):
 
     def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
         """Return the batch with the wait shortened to the planned entry of the belt."""
-        due, timeline, block = self._on_belt_cycle, self.moves.timeline, self.block
+        due, block = self._on_belt_cycle, self.block
         if due is None or block is None:
             return batch
-        begin = cycle if timeline is None else max(cycle, timeline.end_cycle)
-        wait_s = (due - begin) * self.parameters.bus.cycle_time_s
+        wait_s = (due - self._begin_after(cycle)) * self._cycle_s
         on = next(n for n, (one, _) in enumerate(batch) if isinstance(one, Output) and one.name == TRACK)
         waits = [(Dwell(wait_s * self.moves.override), block.place)] if wait_s > 0.0 else []
         return [*waits, *batch[on:]]
 
-    def _meeting(self, block: Block, tracking: BeltKnowledge, planned: Planned, begin: int) -> Meeting | Miss:
-        rate, there = self.moves.override, tracking.expected(block.belt, begin)
+    def _meeting(self, block: Block, planned: Planned, begin: int) -> Meeting | Miss:
+        rate, there = self.moves.override, self._tracking.expected(block.belt, begin)
         work = Work(block.first_s(planned.plan) / rate, planned.plan.duration_s / rate)
-        offset = tracking.belts[block.belt].of_base(self._offset_at(tracking, begin))
+        offset = self._tracking.belts[block.belt].of_base(self._offset_at(begin))
         return meet(
             block.part.along_m + there.way_m,
             there.speed_m_s,
@@ -193,18 +196,16 @@ class BeltOrders(ScriptOrders):
             block.limits,
         )
 
-    def _offset_at(self, tracking: BeltKnowledge, cycle: float) -> Motion:
+    def _offset_at(self, cycle: float) -> Motion:
         """Return the belt offset in a bus cycle during or after the robot leaves its last belt."""
         last = self._leaving
         if last is None:
             return Motion(ZERO)
-        time_s = (cycle - last.cycle) * self.parameters.bus.cycle_time_s
-        return tracking.belts[last.belt].to_base(last.way.at(time_s))
+        time_s = (cycle - last.cycle) * self._cycle_s
+        return self._tracking.belts[last.belt].to_base(last.way.at(time_s))
 
-    def _require_bearable(
-        self, planned: Planned, found: Meeting, block: Block, tracking: BeltKnowledge
-    ) -> None:
-        belt, rate = tracking.belts[block.belt], self.moves.override
+    def _require_bearable(self, planned: Planned, found: Meeting, block: Block) -> None:
+        belt, rate = self._tracking.belts[block.belt], self.moves.override
         whole_s = planned.plan.duration_s / rate
 
         def offset(time_s: float) -> Motion:
@@ -216,18 +217,18 @@ class BeltOrders(ScriptOrders):
         on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
         require_way_out(planned.plan, block, belt, on_it.place[0], found.speed_m_s, self.parameters, rate)
 
-    def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
+    def _require_later(self, block: Block) -> None:
         """Raise ProgramError if further work exceeds limits at the present belt speed."""
         batch, timeline = self.batch, self.moves.timeline
-        stands = all(isinstance(one, Output) for one, _ in batch)
-        if timeline is None or self.held or (stands and not block.closed):
+        only_outputs = all(isinstance(one, Output) for one, _ in batch)
+        if timeline is None or self.held or (only_outputs and not block.closed):
             return
         seen = self.ready()
-        checked = [(Dwell(STAND_S), block.place)] if stands else batch
+        checked = [(Dwell(DWELL_S), block.place)] if only_outputs else batch
         planned, rate = self.moves.preview(checked, seen.planned_m, seen.turns_rad), self.moves.override
-        begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
-        belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
-        begun_m = block.part.along_m + there.way_m - block.reference_m
+        begin = self._begin_after(seen.cycle + self.parameters.decision_cycles)
+        belt, there = self._tracking.belts[block.belt], self._tracking.expected(block.belt, begin)
+        begun_m = block.offset_m(there)
 
         def offset(time_s: float) -> Motion:
             along = begun_m + there.speed_m_s * time_s
@@ -239,15 +240,15 @@ class BeltOrders(ScriptOrders):
         along_m = begun_m + there.speed_m_s * whole_s
         require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
 
-    def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
+    def _note_leaving(self, block: Block, cycle: int | None) -> None:
         """Record when and how the robot is expected to leave the belt."""
         timeline = self.moves.timeline
         if timeline is None:
             return
         end = timeline.end_cycle if cycle is None else cycle
-        there = tracking.expected(block.belt, end)
-        along = block.part.along_m + there.way_m - block.reference_m
-        way = transition_off(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
+        there = self._tracking.expected(block.belt, end)
+        on_belt = Motion((block.offset_m(there), 0.0, 0.0), (there.speed_m_s, 0.0, 0.0))
+        way = transition_off(on_belt, block.limits)
         self._leaving = Leaving(end, block.belt, way)
 
     def require_override(self, override: float) -> None:
@@ -266,29 +267,27 @@ class BeltOrders(ScriptOrders):
         last = self._leaving
         if last is None:
             return False
-        left_s = (self._link.poll().cycle - last.cycle) * self.parameters.bus.cycle_time_s
+        left_s = (self._link.poll().cycle - last.cycle) * self._cycle_s
         return left_s < last.way.duration_s
 
     def change(self, override: float) -> None:
         """Continue with an override, 1 = as planned, also after ``hold``."""
         super().change(override)
-        block, tracking = self._working, self._link.tracking
-        if block is None or tracking is None or not block.closed or self.held:
+        block = self._working
+        if block is None or not block.closed or self.held:
             return
         # the override changes the cycle in which the plan leaves its belt
         leaves = self.moves.leaves_belt_in(self._link.poll().cycle)
         if leaves is not None:
-            self._note_leaving(block, tracking, leaves)
+            self._note_leaving(block, leaves)
 
-    def _delay_until_off_belt(self, tracking: BeltKnowledge) -> None:
+    def _delay_until_off_belt(self) -> None:
         """Delay the moves after a belt so that the robot has left it before the first of them ends."""
         last, batch = self._leaving, self.batch
         if last is None or all(isinstance(one, Output) for one, _ in batch):
             return
-        seen = self.ready()
-        timeline, cycle_s = self.moves.timeline, self.parameters.bus.cycle_time_s
-        begin = seen.cycle + self.parameters.decision_cycles
-        begin = begin if timeline is None else max(begin, timeline.end_cycle)
+        seen, cycle_s = self.ready(), self._cycle_s
+        begin = self._begin_after(seen.cycle + self.parameters.decision_cycles)
         left_s = (last.cycle - begin) * cycle_s + last.way.duration_s + AHEAD_S
         if left_s <= 0.0 or self.held:
             self._leaving = None
@@ -300,21 +299,20 @@ class BeltOrders(ScriptOrders):
             self.batch = [(Dwell(pad_s * rate), batch[0][1]), *batch]
 
         def offset(time_s: float) -> Motion:
-            return self._offset_at(tracking, begin + (time_s + pad_s) / cycle_s)
+            return self._offset_at(begin + (time_s + pad_s) / cycle_s)
 
         allowed = require_feasible(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
         self._override_max = min(self._override_max, allowed)
 
     def _come_to_rest(self) -> None:
-        tracking = self._link.tracking
-        if tracking is not None:
-            self.go_to(tracking.rest_cycle)  # the return path starts from rest
+        if self._tracking.belts:
+            self.go_to(self._tracking.rest_cycle)  # the return path starts from rest
 
     def _resume_cycle(self, cycle: int) -> int:
-        tracking, block = self._link.tracking, self._working
-        if tracking is None or tracking.free:
+        tracking, block = self._tracking, self._working
+        if tracking.free:
             return cycle
-        continues = cycle + math.ceil(tracking.back_s(cycle) / self.parameters.bus.cycle_time_s)
+        continues = cycle + math.ceil(tracking.back_s(cycle) / self._cycle_s)
         if block is not None and tracking.works:
             there = tracking.expected(block.belt, continues)
             done = block.part.along_m + there.way_m + there.speed_m_s * self._left_on_belt_s(cycle)
@@ -329,12 +327,12 @@ class BeltOrders(ScriptOrders):
         return self.moves.left_on_belt_s(cycle) / self.moves.override
 
     def _return_to_belt(self, cycle: int) -> int:
-        continues, tracking, block = self._resume_cycle(cycle), self._link.tracking, self._working
-        if tracking is None or tracking.free:
+        continues, tracking, block = self._resume_cycle(cycle), self._tracking, self._working
+        if tracking.free:
             return continues
         left_s = self._left_on_belt_s(cycle)
         if block is not None and tracking.works and left_s > 0.0:
-            self._note_leaving(block, tracking, continues + int(left_s / self.parameters.bus.cycle_time_s))
+            self._note_leaving(block, continues + int(left_s / self._cycle_s))
         self._link.track_again(cycle)
         return continues
 
@@ -359,24 +357,19 @@ class BeltOrders(ScriptOrders):
     def finish(self) -> None:
         """Send the queued moves and run the bus until all motion has finished and the robot has left its belt."""
         super().finish()
-        tracking, last = self._link.tracking, self._leaving
-        if tracking is None or last is None:
+        last = self._leaving
+        if last is None:
             return
         now = self._link.poll().cycle
-        latest = (
-            now
-            + int(last.way.duration_s / self.parameters.bus.cycle_time_s)
-            + self.parameters.decision_cycles
-        )
-        while not tracking.free and now < latest:
+        latest = now + int(last.way.duration_s / self._cycle_s) + self.parameters.decision_cycles
+        while not self._tracking.free and now < latest:
             self.go_to(now + 1)
             now = self._link.poll().cycle
         self.go_to(now + self.parameters.in_position_cycles)
 
     def abort(self) -> int:
         """Clear the queue and stop on the path or on the belt; return the cycle from which the robot is at rest."""
-        tracking = self._link.tracking
-        if tracking is None or tracking.free:
+        if self._tracking.free:
             return super().abort()
         self.abort_work()
         return self._link.poll().cycle

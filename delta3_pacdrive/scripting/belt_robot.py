@@ -115,8 +115,7 @@ class BeltRobot(Robot):
     def __init__(self, link: Link, name: str) -> None:
         self._work = BeltOrders(link, name)
         super().__init__(link, name, self._work)
-        tracking = link.tracking
-        self._parts = [BeltParts(tracking, n) for n in range(len(tracking.belts))] if tracking else []
+        self._parts = [BeltParts(link.tracking, n) for n in range(len(link.tracking.belts))]
 
     # parts ------------------------------------------------------------------------------------------------------------
 
@@ -219,8 +218,8 @@ class BeltRobot(Robot):
 
     def _belt(self, name: str) -> tuple[BeltKnowledge, int]:
         tracking = self._link.tracking
-        names = () if tracking is None else tuple(belt.name for belt in tracking.belts)
-        if tracking is None or name not in names:
+        names = tuple(belt.name for belt in tracking.belts)
+        if name not in names:
             known = ', '.join(names) or 'none'
             raise ProgramError(f'unknown belt {shown(name)}, the belts are: {known}{nearest_of(name, names)}')
         return tracking, names.index(name)
@@ -299,10 +298,10 @@ class BeltRobot(Robot):
     # statements on a belt ---------------------------------------------------------------------------------------------
 
     def _read(self, kind: str, keys: dict[str, Any]) -> Statement:
-        block, tracking = self._work.block, self._link.tracking
-        if block is None or tracking is None:
+        block = self._work.block
+        if block is None:
             return super()._read(kind, keys)
-        belt = tracking.belts[block.belt]
+        belt = self._link.tracking.belts[block.belt]
         if kind == 'joints':
             raise belt_error('joints: arm angles are not possible on a belt')
         origin = belt.place_m(block.reference_m, block.part.across_m)
@@ -321,8 +320,7 @@ class BeltRobot(Robot):
                         self._work.block.stopped = True
                     raise
         except ScriptError as error:
-            tracking = self._link.tracking
-            lost = tracking is not None and tracking.lost is not None
+            lost = self._link.tracking.lost is not None
             if lost and self._work.block is None and error.code is not Code.FAULT:
                 self._work.abort_work()
             raise

@@ -49,8 +49,7 @@ class ConnectedLink:
     def __init__(self, node: 'ScriptNode', parameters: Parameters) -> None:
         self._node, self.parameters = node, parameters
         facts = self._attach()
-        belts = read_belts(facts['axes'])
-        self.tracking = RemoteBelts(parameters, belts) if belts else None
+        self.tracking = RemoteBelts(parameters, read_belts(facts['axes']))
         self.inputs, self.outputs = tuple(facts['inputs']), node.outputs()
         self._has_clock = bool(facts['clock'])
         self._take(facts)
@@ -80,7 +79,7 @@ class ConnectedLink:
     def _take(self, facts: dict[str, Any]) -> dict[str, Any]:
         self._seen, self._seen_s = Snapshot.from_document(facts['seen']), time.monotonic()
         self._held = facts['held']
-        if self.tracking is not None:
+        if self.tracking.belts:
             self.tracking.take(facts['belts'])
         return facts
 
@@ -155,7 +154,7 @@ class ConnectedLink:
             return bool(self._run_bus(WAIT, condition)['met'])
         except RefusedError as error:
             code, held = error.reason.code, self._held
-            if code is Code.BELT and self.tracking is not None and self.tracking.lost is None:
+            if code is Code.BELT and self.tracking.belts and self.tracking.lost is None:
                 raise StoppedError(error.reason) from None
             if code is not Code.STATE or held is None:
                 raise

@@ -44,8 +44,8 @@ class Link(Protocol):
         """Names of the outputs."""
 
     @property
-    def tracking(self) -> BeltKnowledge | None:
-        """State of the belts in the cycle of ``poll``; None without belts."""
+    def tracking(self) -> BeltKnowledge:
+        """State of the belts in the cycle of ``poll``; the same object for the whole script."""
 
     def poll(self) -> Snapshot:
         """Return the state in the latest evaluated bus cycle; takes no bus time."""

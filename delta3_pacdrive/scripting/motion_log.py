@@ -33,13 +33,13 @@ class MotionLog:
         self._timeline = None
         if timeline is None or cycle <= first:
             return
-        stands = min(max(timeline.end_cycle, first + 1), cycle)
-        begun, last = timeline.at(first).number, timeline.at(stands - 1).number
+        rest_cycle = min(max(timeline.end_cycle, first + 1), cycle)
+        begun, last = timeline.at(first).number, timeline.at(rest_cycle - 1).number
         if timeline.profile is not None and begun != timeline.profile.number:
             self._continues = False  # the preceding move has ended
         for number in range(begun, last + 1):
             begin = max(timeline.first_cycle_in(number), first)
-            end = stands if number == last else min(timeline.first_cycle_in(number + 1), stands)
+            end = rest_cycle if number == last else min(timeline.first_cycle_in(number + 1), rest_cycle)
             self._note(timeline, number, begin, end, last_of_all=number == last)
             self._continues = False
 

@@ -135,28 +135,29 @@ class Moves(RunningMoves):
 
     def left_on_belt_s(self, cycle: int) -> float:
         """Return the motion time from a bus cycle until the plan leaves its belt [s], at 100 %; 0 if it stays."""
-        timeline = self.timeline
-        if timeline is None:
+        timeline, end = self.timeline, self._leaving_move(cycle)
+        if timeline is None or end is None:
             return 0.0
         now, plan = timeline.at(cycle), timeline.plan
-        ends = [n for n in range(now.number, len(plan)) if _leaves_belt(plan.move(n))]
-        if not ends:
-            return 0.0
         move, starts = plan.move(now.number), plan.tables.starts
         driven = now.distance_m / move.length_m if move.length_m > 0.0 else 0.0
-        return float(starts[ends[0] + 1] - starts[now.number]) - driven * move.duration_s
+        return float(starts[end + 1] - starts[now.number]) - driven * move.duration_s
 
     def leaves_belt_in(self, cycle: int) -> int | None:
         """Return the first bus cycle, not before ``cycle``, after the plan has left its belt; None if it stays."""
-        timeline = self.timeline
-        if timeline is None:
-            return None
-        plan = timeline.plan
-        ends = [n for n in range(timeline.at(cycle).number, len(plan)) if _leaves_belt(plan.move(n))]
-        if not ends:
+        timeline, end = self.timeline, self._leaving_move(cycle)
+        if timeline is None or end is None:
             return None
         cycles = range(cycle, timeline.end_cycle)
-        return cycles.start + bisect_right(cycles, ends[0], key=lambda one: timeline.at(one).number)
+        return cycles.start + bisect_right(cycles, end, key=lambda one: timeline.at(one).number)
+
+    def _leaving_move(self, cycle: int) -> int | None:
+        """Return the number of the first move, from the present one of a bus cycle on, that leaves its belt."""
+        if self.timeline is None:
+            return None
+        plan = self.timeline.plan
+        numbers = range(self.timeline.at(cycle).number, len(plan))
+        return next((n for n in numbers if _leaves_belt(plan.move(n))), None)
 
     def clear(self, payload_kg: float) -> None:
         """Clear the running program; ``payload_kg`` is the present payload."""

@@ -34,6 +34,7 @@ from delta3_pacdrive.scripting.arguments import (
     checked_frame,
     checked_tool,
     number,
+    script_error,
 )
 from delta3_pacdrive.scripting.link import HeldError, Link
 from delta3_pacdrive.scripting.moves import Batch, alone, is_move, unnumbered, without_wait
@@ -208,7 +209,7 @@ class Robot:
         with self._errors_at(of_caller()):
             self._count()
             if self._on_belt:
-                raise _script_error(Code.STATE, 'use: moves on a belt are in the frame of their part')
+                raise script_error(Code.STATE, 'use: moves on a belt are in the frame of their part')
             frame, tool = checked_frame(frame), checked_tool(tool)
             mass_kg = 0.0 if tool is None else tool.mass_kg
             if mass_kg != self._maker.tool_kg:
@@ -228,7 +229,7 @@ class Robot:
             left = self._cycles('left_s', left_s)
             self._order()
             if self._orders.held:
-                raise _script_error(
+                raise script_error(
                     Code.STATE, 'wait: the robot is held, so its moves cannot finish: resume it first'
                 )
             self._orders.wait_for_moves(left)
@@ -318,7 +319,7 @@ class Robot:
         with self._errors_at(of_caller()):
             self._order()
             if not self._orders.held:
-                raise _script_error(Code.STATE, 'resume: the robot is not held')
+                raise script_error(Code.STATE, 'resume: the robot is not held')
             self._orders.change(self._orders.moves.override)
 
     def override(self, percent: float) -> None:
@@ -368,14 +369,14 @@ class Robot:
     def _count(self) -> None:
         """Count consecutive calls without bus time; raise ScriptError for an endless loop of them."""
         if self._over:
-            raise _script_error(Code.STATE, 'the script has ended: no further calls are possible')
+            raise script_error(Code.STATE, 'the script has ended: no further calls are possible')
         cycle = self._link.poll().cycle
         if cycle != self._counted_cycle:
             self._counted_cycle, self._calls = cycle, 0
         self._calls += 1
         if self._calls > CALLS_MAX:
             self._calls = 0  # a script that catches the error may continue with a wait
-            raise _script_error(
+            raise script_error(
                 Code.CONTENT,
                 f'{CALLS_MAX} calls took no bus time: a loop must contain a wait, for example wait_time(0.01)',
             )
@@ -395,7 +396,3 @@ class Robot:
                 self._orders.moves.follow(error.profile)
             reason = Reason.of(error)
             raise ScriptError(replace(reason, sentence=unnumbered(reason.sentence)), str(place)) from None
-
-
-def _script_error(code: Code, sentence: str) -> ScriptError:
-    return ScriptError(Reason(code, sentence))

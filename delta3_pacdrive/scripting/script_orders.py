@@ -8,10 +8,10 @@ from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.operation.script_operations import Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
-from delta3_pacdrive.errors import Code, Reason, RefusedError, ScriptError
+from delta3_pacdrive.errors import Code, RefusedError
 from delta3_pacdrive.planning.execution import OVERRIDE_MIN
 from delta3_pacdrive.planning.resume import resume
-from delta3_pacdrive.scripting.arguments import TIME_MAX_S
+from delta3_pacdrive.scripting.arguments import TIME_MAX_S, script_error
 from delta3_pacdrive.scripting.link import Link
 from delta3_pacdrive.scripting.moves import Moves, Start, Written
 
@@ -76,8 +76,7 @@ class ScriptOrders:
     def finish_motion(self) -> None:
         """Run the bus until all motion has finished."""
         if self.held:
-            sentence = 'the robot is held, so its moves cannot finish: resume it first'
-            raise ScriptError(Reason(Code.STATE, sentence))
+            raise script_error(Code.STATE, 'the robot is held, so its moves cannot finish: resume it first')
         self._link.wait(WaitCondition(self.effect, self._latest(), over=True))
         self.seen()
 
@@ -102,12 +101,12 @@ class ScriptOrders:
             self.wait_for_moves(left)
             seen = self.seen()
         timeline = self.moves.timeline
-        stands = timeline.end_cycle if timeline is not None and self.held else 0
+        rest_cycle = timeline.end_cycle if timeline is not None and self.held else 0
 
         def order(late: int) -> int:
             now = self.seen()
             moves = self.moves.copy()
-            cycle = max(seen.cycle + self.parameters.decision_cycles, stands)
+            cycle = max(seen.cycle + self.parameters.decision_cycles, rest_cycle)
             if moves.timeline is not None:  # a robot at rest starts as early as possible
                 cycle += late
             ordered = moves.order(self._on_time(batch, cycle), cycle, now.planned_m, now.turns_rad)
@@ -120,7 +119,7 @@ class ScriptOrders:
             self.moves = moves
             return effect
 
-        self._take_effect(self._in_time(order, seen.cycle), seen.cycle, stands)
+        self._take_effect(self._in_time(order, seen.cycle), seen.cycle, rest_cycle)
 
     def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
         """Return the statements for an order that takes effect in a bus cycle."""
@@ -142,10 +141,10 @@ class ScriptOrders:
             late = max(self._link.poll().cycle - decided, 0) + self._link.extra_cycles
         return order(late)
 
-    def _take_effect(self, effect: int, decided: int, stands: int = 0) -> None:
+    def _take_effect(self, effect: int, decided: int, rest_cycle: int = 0) -> None:
         """Record the bus cycle in which the latest order takes effect, and its delay."""
         self.effect = effect
-        late = effect - max(decided + self.parameters.decision_cycles, stands)
+        late = effect - max(decided + self.parameters.decision_cycles, rest_cycle)
         if late > 0:
             self.late += 1
             self.late_cycles = max(self.late_cycles, late)
@@ -156,7 +155,7 @@ class ScriptOrders:
         """Stop on the path, unless the robot is held already."""
         seen = self.ready()
         if self.moves.timeline is None:
-            raise ScriptError(Reason(Code.STATE, f'hold: {motion_sentence(seen.motion)}'))
+            raise script_error(Code.STATE, f'hold: {motion_sentence(seen.motion)}')
         if self.held:
             return
         profile = self._link.hold(seen.cycle + self.parameters.decision_cycles)
@@ -183,7 +182,7 @@ class ScriptOrders:
             cycle = max(cycle, timeline.end_cycle)
         elif cycle >= timeline.end_cycle:
             return  # applies to the next program
-        stands = self._resume_cycle(cycle) if held else 0
+        rest_cycle = self._resume_cycle(cycle) if held else 0
 
         def change(late: int) -> int:
             self.seen()
@@ -194,7 +193,7 @@ class ScriptOrders:
             self.moves.follow(replace(profile, cycle=effect))
             return effect
 
-        self._take_effect(self._in_time(change, seen.cycle), seen.cycle, stands)
+        self._take_effect(self._in_time(change, seen.cycle), seen.cycle, rest_cycle)
 
     def _come_to_rest(self) -> None:
         """Run the bus until a held robot is at rest."""
@@ -225,6 +224,6 @@ class ScriptOrders:
             return -1
         if not self.held:
             self.moves.follow(self._link.hold(seen.cycle + self.parameters.decision_cycles))
-        stands = self.moves.timeline.end_cycle
-        self.go_to(stands + self.parameters.in_position_cycles)
-        return stands
+        rest_cycle = self.moves.timeline.end_cycle
+        self.go_to(rest_cycle + self.parameters.in_position_cycles)
+        return rest_cycle

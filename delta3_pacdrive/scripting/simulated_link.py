@@ -101,20 +101,18 @@ class SimulatedLink:
         return Snapshot.of(self._task, cycle, self._operation.commanded(), motion, self._inputs.bits(cycle))
 
     @property
-    def tracking(self) -> BeltTracking | None:
-        """Belt tracking of the controller; None without belts."""
-        return self._task.tracking if self._task.tracking.belts else None
+    def tracking(self) -> BeltTracking:
+        """Belt tracking of the controller."""
+        return self._task.tracking
 
     def track(self, order: TrackOrder) -> None:
         """Set the belt for the next event of the plan that enters a belt."""
-        if self.tracking is not None:
-            self.tracking.order(order)
+        self.tracking.order(order)
 
     def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
-        if self.tracking is not None:
-            self.tracking.again_cycle = cycle
-            self.tracking.resume()  # the change of the motion profile follows
+        self.tracking.again_cycle = cycle
+        self.tracking.resume()  # the change of the motion profile follows
 
     def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
@@ -127,8 +125,8 @@ class SimulatedLink:
                 self._log.follow(task.timeline.copy(), profile.cycle, continues=True)
         tracking.halt(task.next_cycle)
         tracking.clear_loss()
-        stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
-        self._operation.go_to(stands + self.parameters.in_position_cycles)
+        rest_cycle = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
+        self._operation.go_to(rest_cycle + self.parameters.in_position_cycles)
         if task.loaded:
             self._ended()
         task.clear_belt()

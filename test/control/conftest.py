@@ -20,7 +20,7 @@ from delta3_pacdrive.control.actions import (
 )
 from delta3_pacdrive.control.cycle.cycle import ControllerCycle
 from delta3_pacdrive.control.cycle.transformation import Transformation
-from delta3_pacdrive.control.messages import FAULT, PROFILE, REVOKE, Origin, Request
+from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin, Request
 from delta3_pacdrive.control.operation.control import Control, Operator
 from delta3_pacdrive.control.operation.enabling import Enabling
 from delta3_pacdrive.control.operation.orders import Orders
@@ -186,12 +186,9 @@ class Rig:
         match action:
             case Job():
                 self.planner.take_result(self._plan(action), self.now_s)
-            case Ordered(number, moves, faults, row, kind):
-                for n, move in enumerate(moves):
-                    self.row('LINE', number, move.to_array(n, len(moves)))
-                for fault in faults:
-                    self.row(FAULT, number, np.array(fault.to_row()))
-                self.row(kind, number, np.array(row))
+            case Ordered(number):
+                for kind, values in action.rows():
+                    self.row(kind, number, values)
             case Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
             case Changed(number, profile):

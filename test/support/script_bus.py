@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.belts.image import belts_text
+from delta3_pacdrive.belts.knowledge import RemoteBelts
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.actions import AccessRequested, Replied
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
@@ -108,6 +109,7 @@ class ScriptBus:
 
     def __init__(self, parameters: Any, around: Any = None, order: str = '') -> None:
         self.parameters, self._belts_first = parameters, order != ''
+        self.tracking = RemoteBelts(parameters, ())
         self._answers_late = order == ANSWERS_LATE
         self._waiting: deque[Any] = deque()  # answers that have not reached the master
         first = parameters.motion.start_cycle - parameters.decision_cycles
@@ -187,7 +189,6 @@ class ScriptBus:
             raise RefusedError(reason)
 
     extra_cycles = 0
-    tracking = None
 
     def start(self, planned: Any, cycle: int, override: float) -> int:
         self._require(self.controller.state.start(Order(planned.plan, cycle, override, (), exact=True)))

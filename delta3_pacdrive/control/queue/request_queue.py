@@ -1,13 +1,10 @@
-"""Queue of waiting requests, and a record of received ones."""
+"""Records of requests: waiting and received ones."""
 
-from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from delta3_pacdrive.control.messages import Reply, Request
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 
-WAITING_MAX = 100  # requests
 OPERATORS_MAX = 10_000  # remembered operators
 REMEMBERED_S = 600.0  # time after its newest request for which an operator is remembered
 NEWS_S = 2.0  # time that a request may wait for a newer status
@@ -30,39 +27,6 @@ class Waiting:
     def may_be_outdated(self, reason: Reason, now_s: float, news: int) -> bool:
         """Whether a rejection may be outdated, because no status has arrived since the request (after enabling)."""
         return reason.code in PASSING and self.news == news and self.may_wait(now_s)
-
-
-class RequestQueue:
-    """Requests waiting to be served."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[Waiting] = deque()
-
-    def add(self, request: Request, now_s: float, news: int) -> Reason | None:
-        """Append a request; return the reason if it is rejected."""
-        if len(self._waiting) >= WAITING_MAX:
-            return Reason(Code.STATE, f'{WAITING_MAX} requests are waiting already')
-        self._waiting.append(Waiting(request, now_s, news))
-        return None
-
-    @property
-    def first(self) -> Waiting | None:
-        """The next request, None if none waits."""
-        return self._waiting[0] if self._waiting else None
-
-    def pop(self) -> None:
-        """Remove the first request."""
-        self._waiting.popleft()
-
-    def withdraw(self, operator: str, number: str) -> list[Request]:
-        """Remove a request of an operator and return it, if it was waiting."""
-        return self.remove(lambda request: (operator, number) == (request.operator, str(request.number)))
-
-    def remove(self, concerned: Callable[[Request], bool]) -> list[Request]:
-        """Remove the requests for which ``concerned`` is true, and return them."""
-        removed = [one for one in self._waiting if concerned(one.request)]
-        self._waiting = deque(one for one in self._waiting if one not in removed)
-        return [one.request for one in removed]
 
 
 @dataclass

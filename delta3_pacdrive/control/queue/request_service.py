@@ -3,18 +3,20 @@
 Pure: the functions that carry out a request are passed as arguments.
 """
 
+from collections import deque
 from collections.abc import Callable
 
 from delta3_pacdrive.control.actions import PlannerAction, Replied, Reported
 from delta3_pacdrive.control.messages import Recent, Request
 from delta3_pacdrive.control.operation.control import control_refusal
-from delta3_pacdrive.control.queue.request_queue import RequestQueue
+from delta3_pacdrive.control.queue.request_queue import Waiting
 from delta3_pacdrive.control.queue.request_tracker import RequestTracker
 from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 
 WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
 LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
+WAITING_MAX = 100  # requests
 OPERATORS_MAX = 1000  # operators with a stored accepted request, for withdrawals
 
 FOR_MOVES = frozenset({'program', 'move', 'trajectory'})
@@ -25,18 +27,29 @@ class RequestService:
 
     def __init__(self, task: TaskStatus, act: Callable[[PlannerAction], None]) -> None:
         self._task, self.act = task, act
-        self._queue = RequestQueue()
+        self._waiting: deque[Waiting] = deque()
         self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and description, by operator
         self.tracker = RequestTracker(lambda report: act(Reported(report)))
         self.serving: Request | None = None  # not answered yet
 
     def add(self, request: Request, now_s: float) -> bool:
         """Append a request to the queue, or reject it."""
-        reason = self._queue.add(request, now_s, self._task.received)
-        if reason is not None:
+        accepted = len(self._waiting) < WAITING_MAX
+        if accepted:
+            self._waiting.append(Waiting(request, now_s, self._task.received))
+        else:
+            reason = Reason(Code.STATE, f'{WAITING_MAX} requests are waiting already')
             self._reject(request, reason)
             self.act(Replied(request, reason, ''))
-        return reason is None
+        return accepted
+
+    def _remove(self, concerned: Callable[[Request], bool], reason: Reason) -> bool:
+        """Reject the waiting requests for which ``concerned`` is true; return whether there were any."""
+        removed = [one for one in self._waiting if concerned(one.request)]
+        for one in removed:
+            self._waiting.remove(one)
+            self.act(Replied(one.request, reason, ''))
+        return bool(removed)
 
     def _reject(self, request: Request, reason: Reason) -> None:
         if request.action in FOR_MOVES:
@@ -62,9 +75,9 @@ class RequestService:
             Whether a request was served; False if none waits or the first one must wait.
 
         """
-        waiting, status = self._queue.first, self._task.newest
-        if waiting is None:
+        if not self._waiting:
             return False
+        waiting, status = self._waiting[0], self._task.newest
         request = waiting.request
         unknown = status is None or status.control < request.control
         if (unknown and waiting.may_wait(now_s)) or must_wait(request):
@@ -79,7 +92,7 @@ class RequestService:
         if reason is not None and waiting.may_be_outdated(reason, now_s, self._task.received):
             self.serving = None
             return False
-        self._queue.pop()
+        self._waiting.popleft()
         if reason is not None:
             self.reply(reason)
         return True
@@ -113,10 +126,7 @@ class RequestService:
         outcome: Reason | str = 'withdrawn'
         if serving is not None and what == (serving.operator, str(serving.number)):
             outcome = cancel()
-        elif waiting := self._queue.withdraw(*what):
-            for one in waiting:
-                self.act(Replied(one, WITHDRAWN, ''))
-        else:
+        elif not self._remove(lambda one: what == (one.operator, str(one.number)), WITHDRAWN):
             outcome = remove(f'{request.operator or request.receiver}-{request.text}') or outcome
             number, sentence = self._accepted.get(request.operator, (-1, ''))
             if outcome == 'withdrawn' and request.text == str(number):
@@ -128,5 +138,4 @@ class RequestService:
         """Reject the requests of an operator that has lost control; ``cancel`` cancels one being served."""
         if self.serving is not None and self.serving.operator == operator:
             cancel()
-        for one in self._queue.remove(lambda request: request.operator == operator):
-            self.act(Replied(one, LOST_CONTROL, ''))
+        self._remove(lambda request: request.operator == operator, LOST_CONTROL)

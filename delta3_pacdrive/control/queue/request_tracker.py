@@ -100,7 +100,7 @@ class RequestTracker:
             left = sum(end >= (number, distance_m) for end in tracked.ends)
             begins = not still  # all requests before it have ended
             if begins and not left:
-                self._end(tracked)
+                self._change(tracked, Phase.DONE)
                 continue
             still.append(tracked)
             if begins and (tracked.phase, tracked.remaining) != (Phase.RUNNING, left):
@@ -110,15 +110,11 @@ class RequestTracker:
 
     def end(self) -> None:
         """Mark the running program as completed."""
-        running, self._running = self._running, []
-        for tracked in running:
-            self._end(tracked)
+        self._clear(self._running, Phase.DONE)
 
     def abort(self, reason: Reason) -> None:
         """Mark the running program as aborted."""
-        running, self._running = self._running, []
-        for tracked in running:
-            self._change(tracked, Phase.ABORTED, reason)
+        self._clear(self._running, Phase.ABORTED, reason)
 
     def withdraw(self, identity: str, reason: Reason) -> None:
         """Mark a request as aborted, after its moves were removed from the queue."""
@@ -128,16 +124,18 @@ class RequestTracker:
 
     def abort_queued(self, reason: Reason) -> None:
         """Mark all queued requests as aborted."""
-        queued, self._queued = self._queued, []
-        for tracked in queued:
-            self._change(tracked, Phase.ABORTED, reason)
+        self._clear(self._queued, Phase.ABORTED, reason)
 
-    def _end(self, tracked: _Tracked) -> None:
-        tracked.remaining = 0
-        self._change(tracked, Phase.DONE)
+    def _clear(self, requests: list[_Tracked], phase: Phase, reason: Reason | None = None) -> None:
+        cleared = requests.copy()
+        requests.clear()
+        for tracked in cleared:
+            self._change(tracked, phase, reason)
 
     def _change(self, tracked: _Tracked, phase: Phase, reason: Reason | None = None) -> None:
         tracked.phase = phase
+        if phase is Phase.DONE:
+            tracked.remaining = 0
         code, sentence = (str(reason.code), reason.sentence) if reason else ('', '')
         self._report(
             RequestReport(

@@ -12,7 +12,7 @@ import numpy as np
 from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.planning.execution import Timeline
+from delta3_pacdrive.planning.execution import MasterState, Timeline
 from delta3_pacdrive.planning.paths.move import Move, MoveKind
 from delta3_pacdrive.planning.paths.path import sample_path
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
@@ -93,6 +93,17 @@ class TrajectoryState:
     actual: Floats  # angles [rad] and speeds [rad/s]
 
 
+def _joints_at(timeline: Timeline, cycle: int) -> tuple[Move, MasterState, Floats] | None:
+    """Return move, master and arm angles [rad] with two derivatives by the distance; None without a trajectory."""
+    if timeline.profile is None or cycle < timeline.start_cycle:
+        return None
+    now = timeline.at(cycle)
+    move = timeline.plan.move(now.number)
+    if move.kind != MoveKind.JOINTS:
+        return None
+    return move, now, sample_path([now.distance_m], move.segments)[0, :3]
+
+
 class ToleranceWatch:
     """Supervision of one trajectory after the other."""
 
@@ -134,13 +145,10 @@ class ToleranceWatch:
 
     def due(self, timeline: Timeline, cycle: int) -> tuple[float, Floats] | None:
         """Return the time on a trajectory in a bus cycle [s] and the expected motion, None without a trajectory."""
-        if timeline.profile is None or cycle < timeline.start_cycle:
+        present = _joints_at(timeline, cycle)
+        if present is None:
             return None
-        now = timeline.at(cycle)
-        move = timeline.plan.move(now.number)
-        if move.kind != MoveKind.JOINTS:
-            return None
-        place, first, second = sample_path([now.distance_m], move.segments)[0, :3]
+        _, now, (place, first, second) = present
         speed = now.speed_m_s * first
         acceleration = now.acceleration_m_s2 * first + now.speed_m_s**2 * second
         behind_s = self._behind_s
@@ -151,15 +159,12 @@ class ToleranceWatch:
     def follow(self, run: int, timeline: Timeline, cycle: int, angles_rad: Floats) -> Reason | None:
         """Check the arms in a bus cycle of program ``run``; return a violation of the path tolerance, once."""
         self.clear()
-        if run == self._violated or timeline.profile is None or cycle < timeline.start_cycle:
+        present = None if run == self._violated else _joints_at(timeline, cycle)
+        if present is None:
             return None
-        now = timeline.at(cycle)
-        move = timeline.plan.move(now.number)
-        if move.kind != MoveKind.JOINTS:
-            return None
-        if not timeline.profile.held:
+        move, now, (due, rate, _) = present
+        if timeline.profile is not None and not timeline.profile.held:
             self._note_goal(timeline, move)
-        due, rate = sample_path([now.distance_m], move.segments)[0, :2]
         # the arms correspond to an earlier command
         missed = np.abs(due - self._behind_s * now.speed_m_s * rate - angles_rad)
         for axis, (error, tolerance) in enumerate(zip(missed, self._tolerances.path_rad, strict=True)):

@@ -15,7 +15,6 @@ from std_msgs.msg import String
 from delta3_pacdrive.control.actions import Ordered
 from delta3_pacdrive.control.messages import PROFILE, Origin, Verdict
 from delta3_pacdrive.control.operation.script_operations import END, ScriptOperation
-from delta3_pacdrive.control.queue.plan_rows import PlanRows
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RunError, TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
@@ -117,10 +116,8 @@ class ScriptNode(OperatorNode):
     def order(self, kind: str, plan: Plan, row: Sequence[float]) -> int:
         """Send a plan with the row that ends it; return the bus cycle in which it takes effect."""
         self.number += 1
-        rows = PlanRows()
-        rows.begin(Ordered(self.number, plan.moves, (), tuple(row), kind))
-        for row_kind, number, values in rows.due(0):
-            self._plan.publish(self._numbered(row_kind, number, values))
+        for row_kind, values in Ordered(self.number, plan.moves, (), tuple(row), kind).rows():
+            self._plan.publish(self._numbered(row_kind, self.number, values))
         return self._effect(self.number)
 
     def change(self, profile: MotionProfile) -> int:

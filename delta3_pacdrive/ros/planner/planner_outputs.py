@@ -3,7 +3,7 @@
 Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.node import Node
@@ -20,7 +20,6 @@ from delta3_pacdrive.control.actions import (
     Settled,
 )
 from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin
-from delta3_pacdrive.control.queue.plan_rows import PlanRows
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
@@ -28,6 +27,8 @@ from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.numbers import numbers
+
+UNCHECKED_MAX = 1000  # rows sent but not checked yet
 
 
 class PlannerOutputs:
@@ -44,7 +45,9 @@ class PlannerOutputs:
     ) -> None:
         self._planner, self._thread, self._operators = planner, thread, operators
         self._trajectories, self._origin = trajectories, origin
-        self._rows = PlanRows()
+        # rows of a plan that have not been sent, number of its order, and number of its rows that have been sent
+        self._rows: Iterator[tuple[str, Any]] = iter(())
+        self._number = self._sent = 0
         self._state = interfaces.PLANNER_STATE.publisher(node)
         self._plan = interfaces.MOTION_PLAN.publisher(node)
         self._change = interfaces.MOTION_CHANGE.publisher(node)
@@ -59,10 +62,10 @@ class PlannerOutputs:
                 case Cancelled(number):
                     self._thread.cancel(number)
                 case Ordered():
-                    self._rows.begin(action)
+                    self._rows, self._number, self._sent = action.rows(), action.number, 0
                     self.send_rows()
                 case Revoked(number):
-                    self._rows.clear()
+                    self.discard_rows()
                     self._plan.publish(self._numbered(REVOKE, number, []))
                 case Changed(number, profile):
                     self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
@@ -86,9 +89,12 @@ class PlannerOutputs:
     def send_rows(self) -> None:
         """Send the remaining rows of a plan, limited to what the transformation task can buffer."""
         status = self._planner.status
-        for row in self._rows.due(status.checked if status else 0):
-            self._plan.publish(self._numbered(*row))
+        checked = status.checked if status and self._sent else 0
+        while self._sent - checked < UNCHECKED_MAX and (row := next(self._rows, None)) is not None:
+            kind, values = row
+            self._plan.publish(self._numbered(kind, self._number, values))
+            self._sent += 1
 
     def discard_rows(self) -> None:
         """Discard unsent rows of the previous session."""
-        self._rows.clear()
+        self._rows = iter(())

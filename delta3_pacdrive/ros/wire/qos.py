@@ -9,7 +9,7 @@ CYCLIC_FROM_AFAR = QoSProfile(depth=64)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
-# Keeps the rows of the newest plans, more than can be pending (UNCHECKED_MAX in controller/plan_rows).
+# Keeps the rows of the newest plans, more than can be pending (UNCHECKED_MAX in ros/planner/planner_outputs).
 PLAN_WRITER = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN_LATECOMER = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL

@@ -15,7 +15,8 @@ from delta3_pacdrive.control.actions import (
 from delta3_pacdrive.control.messages import Status, Verdict
 from delta3_pacdrive.control.queue.planner import VERDICT_S, Planner
 from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, work
-from delta3_pacdrive.control.queue.request_queue import NEWS_S, WAITING_MAX
+from delta3_pacdrive.control.queue.request_queue import NEWS_S
+from delta3_pacdrive.control.queue.request_service import WAITING_MAX
 from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.planning.program.adaptation import AS_IT_IS, Adaptation

@@ -4,62 +4,59 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from delta3_pacdrive.control.actions import Replied
 from delta3_pacdrive.control.messages import Reply, Request
 from delta3_pacdrive.control.queue.request_queue import (
     NEWS_S,
     OPERATORS_MAX,
     PASSING,
     REMEMBERED_S,
-    WAITING_MAX,
     ReceivedRequests,
-    RequestQueue,
+    Waiting,
 )
+from delta3_pacdrive.control.queue.request_service import WITHDRAWN, RequestService
+from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 
 STEPS = st.lists(
     st.one_of(
         st.tuples(st.just('add'), st.sampled_from('AB'), st.integers(1, 5)),
         st.tuples(st.just('withdraw'), st.sampled_from('AB'), st.integers(1, 5)),
-        st.tuples(st.just('pop'), st.just(''), st.just(0)),
+        st.tuples(st.just('serve'), st.just(''), st.just(0)),
     ),
     max_size=40,
 )
 
 
 @given(steps=STEPS)
-def test_after_any_steps_the_requests_that_wait_are_those_that_were_not_served_nor_taken_back(
+def test_after_any_steps_each_request_was_served_or_taken_back_once_in_its_order(
     steps: list[tuple[str, str, int]],
 ) -> None:
-    queue, expected = RequestQueue(), []
+    actions: list[Replied] = []
+    service = RequestService(TaskStatus(), actions.append)
+    waiting: list[Request] = []
+    expected: list[tuple[Request, str]] = []
     for step, operator, number in steps:
-        request = Request('me', operator, number, 0, 'start')
         if step == 'add':
-            assert queue.add(request, 0.0, 0) is None
-            expected.append(request)
+            waiting.append(request(operator, number))
+            assert service.add(waiting[-1], 0.0)
         elif step == 'withdraw':
-            given_up = queue.withdraw(operator, str(number))
-            assert given_up == [one for one in expected if one == request]
-            expected = [one for one in expected if one != request]
-        elif expected:
-            queue.pop()
-            expected.pop(0)
-        assert (queue.first.request if queue.first else None) == (expected[0] if expected else None)
-
-
-def test_only_so_many_requests_wait() -> None:
-    queue = RequestQueue()
-    for number in range(WAITING_MAX):
-        assert queue.add(Request('me', '', number, 0, 'start'), 0.0, 0) is None
-    reason = queue.add(Request('me', '', WAITING_MAX, 0, 'start'), 0.0, 0)
-    assert reason is not None
-    assert reason.code == Code.STATE
+            text = Request('me', operator, 99, 0, 'withdraw', str(number))
+            service.withdraw(text, lambda: 'too late', lambda _: '')
+            gone = [one for one in waiting if one == request(operator, number)]
+            expected += [(one, str(WITHDRAWN)) for one in gone]
+            waiting = [one for one in waiting if one not in gone]
+        else:
+            served = service.serve_next(2.0 * NEWS_S, lambda _: False, lambda _: service.reply('done'))
+            assert served == bool(waiting)
+            expected += [(one, 'done') for one in waiting[:1]]
+            waiting = waiting[1:]
+        answers = [(one.request, str(one.reason or one.sentence)) for one in actions]
+        assert [one for one in answers if one[0].action == 'start'] == expected
 
 
 def test_a_refusal_for_a_state_may_be_outdated_until_there_are_news_or_for_a_while() -> None:
-    queue = RequestQueue()
-    queue.add(Request('me', '', 1, 0, 'start'), 10.0, 7)
-    waiting = queue.first
-    assert waiting is not None
+    waiting = Waiting(Request('me', '', 1, 0, 'start'), 10.0, 7)
     for code in Code:
         reason = Reason(code, 'no')
         assert waiting.may_be_outdated(reason, 10.0 + 0.9 * NEWS_S, 7) == (code in PASSING)
