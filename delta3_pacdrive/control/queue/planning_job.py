@@ -18,7 +18,7 @@ from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
 
 # limit of appended statements, and of statements in a sequence of rounded corners with appended ones
-FOLLOWING_MAX = 100
+APPENDED_MAX = 100
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Job:
     start_m: Point  # end of the moves before, or position of the robot
     wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
     append_to: AppendPoint | None = None  # None: the text is queued
-    room: int = FOLLOWING_MAX  # number of statements that may be appended
+    room: int = APPENDED_MAX  # number of statements that may be appended
     rounded: bool = True  # whether the corner before appended moves may be rounded
     turns_rad: tuple[float, ...] = ()  # angles of the rotary axes before the first move
 
@@ -100,7 +100,7 @@ def _append(
     if len(statements) > job.room:
         raise ProgramError(
             f'{len(statements)} statements cannot follow while the robot moves: {job.room} of '
-            f'{FOLLOWING_MAX} are free'
+            f'{APPENDED_MAX} are free'
         )
     program_planner.require_start(more, job.start_m)
 
@@ -117,7 +117,7 @@ def _append(
         )
 
     moves = point.plan(
-        statements, program_of, robot, FOLLOWING_MAX, job.turns_rad, job.rounded, progress=progress
+        statements, program_of, robot, APPENDED_MAX, job.turns_rad, job.rounded, progress=progress
     )
     return Result(job.number, statements=len(statements), appended=moves)
 

@@ -12,7 +12,7 @@ from delta3_pacdrive.control.actions import Changed, Ordered, Revoked
 from delta3_pacdrive.control.messages import EXTEND, Request
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState, at_percent, percent_allowed
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.control.queue.planning_job import FOLLOWING_MAX, Result
+from delta3_pacdrive.control.queue.planning_job import APPENDED_MAX, Result
 from delta3_pacdrive.control.queue.program_queue import Planning
 from delta3_pacdrive.control.queue.program_run import ProgramRun, Readiness, RunState
 from delta3_pacdrive.control.queue.request_service import LOST_CONTROL, RequestService
@@ -286,7 +286,7 @@ class AppendedMoves:
             adaptation=request.adaptation,
             wrapped=True,
             append_to=point,
-            room=FOLLOWING_MAX - self._requests.tracker.appended,
+            room=APPENDED_MAX - self._requests.tracker.appended,
             rounded=rounded,
         )
 

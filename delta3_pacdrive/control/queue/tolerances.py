@@ -4,12 +4,13 @@ Pure: arm positions arrive bus cycle by bus cycle, a violation is returned as a 
 """
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
+from delta3_pacdrive.configuration.json_message import JsonMessage
+from delta3_pacdrive.errors import Code, ProgramError, Reason, TelegramError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MasterState, Timeline
@@ -22,7 +23,7 @@ ERASED = -1.0  # value of a goal that disables a tolerance
 
 
 @dataclass(frozen=True)
-class Tolerances:
+class Tolerances(JsonMessage):
     """Tolerances of each arm; 0 disables a tolerance."""
 
     path_rad: tuple[float, float, float] = NONE
@@ -35,34 +36,19 @@ class Tolerances:
         """Whether a violation is possible."""
         return any(self.path_rad) or (any(self.goal_rad) and self.goal_time_s > 0.0)
 
-    def to_values(self) -> dict[str, Any]:
-        """Return the fields for a request."""
-        return asdict(self)
-
     @staticmethod
     def of(values: Any) -> 'Tolerances':
-        """Parse the output of ``to_values``; raises ProgramError."""
-        names = [field.name for field in fields(Tolerances)]
-        if not isinstance(values, dict) or set(values) != set(names):
-            raise ProgramError(f'tolerances must have the keys {", ".join(names)}')
-        path, goal = (_three(values[name], name) for name in names[:2])
-        return Tolerances(path, goal, *(_tolerance(values[name], name) for name in names[2:]))
-
-
-def _three(values: Any, name: str) -> tuple[float, float, float]:
-    if not isinstance(values, list | tuple) or len(values) != 3:
-        raise ProgramError(
-            f'{name} of the tolerances is {shown(values)}, but must be a list of three numbers'
-        )
-    first, second, third = (_tolerance(value, name) for value in values)
-    return first, second, third
-
-
-def _tolerance(value: Any, name: str) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0.0 <= value < math.inf:
-        raise ProgramError(f'{name} of the tolerances is {shown(value)}, but must be a number from 0 on')
-    return float(value)
+        """Parse the output of ``to_fields``; raises ProgramError."""
+        try:
+            found = Tolerances.from_fields(values)
+        except TelegramError as error:
+            raise ProgramError(str(error)) from None
+        for name, value in vars(found).items():
+            if np.min(value) < 0.0:
+                raise ProgramError(
+                    f'{name} of the tolerances is {shown(value)}, but must be a number from 0 on'
+                )
+        return found
 
 
 def overridden(default: float, asked: float, what: str) -> float:

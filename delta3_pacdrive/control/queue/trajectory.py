@@ -41,7 +41,7 @@ class TrajectoryRequest:
         """Return the request as JSON."""
         values: dict[str, Any] = {'stamp_s': self.stamp_s, 'points': self.points}
         if self.tolerances is not None:
-            values['tolerances'] = self.tolerances.to_values()
+            values['tolerances'] = self.tolerances.to_fields()
         return json.dumps(values)
 
     @staticmethod

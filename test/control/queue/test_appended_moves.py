@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.control.queue.planning_job import FOLLOWING_MAX
+from delta3_pacdrive.control.queue.planning_job import APPENDED_MAX
 
 ALONG = 'move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.3%s}'
 UP = 'move_l: {to_m: [0.1, 0.06, -0.74], speed_m_s: 0.3}'
@@ -217,7 +217,7 @@ def test_a_refusal_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None
         'move_l: {to_m: [0.1, 0.0, -8.0]}',
         f'{{moves: [{{{UP}}}], payload_kg: 1.0}}',
         f'{{moves: [{{{UP}}}], start_m: [0.0, 0.0, -0.75]}}',
-        str([{'dwell': {'time_s': 0.1}}] * (FOLLOWING_MAX + 1)),
+        str([{'dwell': {'time_s': 0.1}}] * (APPENDED_MAX + 1)),
         '][',
     )
     for text in refused:
@@ -237,7 +237,7 @@ def rounded_moves(count: int) -> tuple[list[np.ndarray], list[str]]:
 
 
 def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver: Driver) -> None:
-    points, moves = rounded_moves(FOLLOWING_MAX + 30)
+    points, moves = rounded_moves(APPENDED_MAX + 30)
     moves[39::40] = [move.replace(', blend_m: 0.004', '') for move in moves[39::40]]
     for n in range(0, len(moves), 5):
         driver.ask(f'[{", ".join(moves[n : n + 5])}]')
@@ -253,7 +253,7 @@ def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver:
 
 def test_a_sequence_of_rounded_corners_that_has_become_long_ends_in_a_corner(driver: Driver) -> None:
     """All of it is planned anew whenever a move is appended."""
-    points, moves = rounded_moves(FOLLOWING_MAX + 2)
+    points, moves = rounded_moves(APPENDED_MAX + 2)
     driver.ask(f'[{", ".join(moves[:-2])}]')
     driver.rig.run(1000)  # until there is room for more
     assert 'is not rounded: a sequence has at most 100 statements' in driver.ask(moves[-2])
@@ -261,7 +261,7 @@ def test_a_sequence_of_rounded_corners_that_has_become_long_ends_in_a_corner(dri
     driver.rig.finish()
     driver.smooth()
     stood = [n for n, point in enumerate(points) if driver.nearest(point) < 1e-7]
-    assert stood == [FOLLOWING_MAX - 1, len(points) - 1]
+    assert stood == [APPENDED_MAX - 1, len(points) - 1]
 
 
 def test_the_same_requests_in_the_same_cycles_give_the_same_bits(new_rig: Any) -> None:

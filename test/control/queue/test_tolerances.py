@@ -212,19 +212,19 @@ def test_tolerances_go_into_a_request_and_come_out_of_it():
 @pytest.mark.parametrize(
     ('changed', 'reason'),
     [
-        ({'path_rad': [0.1, 0.1]}, 'path_rad of the tolerances is .*, but must be a list of three numbers'),
+        ({'path_rad': [0.1, 0.1]}, 'path_rad of a tolerances must be a list of 3 numbers'),
         (
             {'goal_rad': [0.1, 0.1, -1.0]},
-            'goal_rad of the tolerances is -1.0, but must be a number from 0 on',
+            'goal_rad of the tolerances is .*, but must be a number from 0 on',
         ),
-        ({'goal_time_s': True}, 'goal_time_s of the tolerances is True'),
-        ({'stopped_rad_s': float('inf')}, 'stopped_rad_s of the tolerances is inf'),
+        ({'goal_time_s': True}, 'goal_time_s of a tolerances is True'),
+        ({'stopped_rad_s': float('inf')}, 'stopped_rad_s of a tolerances is inf'),
         ({'more': 1}, 'tolerances must have the keys'),
     ],
 )
 def test_tolerances_that_are_none_are_refused(changed, reason):
     with pytest.raises(ProgramError, match=reason):
-        Tolerances.of(TIGHT.to_values() | changed)
+        Tolerances.of(TIGHT.to_fields() | changed)
 
 
 class Robot:
