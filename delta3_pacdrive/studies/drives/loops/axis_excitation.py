@@ -28,7 +28,7 @@ from delta3_pacdrive.studies.drives.loops.bench import (
 )
 from delta3_pacdrive.studies.drives.loops.excitation import Multisine, multisine
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
-from delta3_pacdrive.studies.runs.oscilloscope import Added, Oscilloscope
+from delta3_pacdrive.studies.runs.oscilloscope import Added, Oscilloscope, finest
 
 PERIODS = 4  # recorded periods of the multisine, after one for settling
 PERIOD_S, LOWEST_HZ = 0.5, 4.0
@@ -67,9 +67,7 @@ def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgre
     """
     drive = parameters.drive
     # without a task no torque is commanded
-    exact = parameters.replace(
-        bus__exchange_period_s=max(125e-6, drive.velocity_period_s), control__feed_forward=INERTIA
-    )
+    exact = finest(parameters).replace(control__feed_forward=INERTIA)
     rms = RMS[excitation.place] * excitation.amplitude
     hold = drive.velocity_period_s if excitation.place == Place.PLANT else drive.position_period_s
     highest = min(HIGHEST_HZ[excitation.place], RATE_SHARE / hold)

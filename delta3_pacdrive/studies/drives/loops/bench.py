@@ -29,6 +29,7 @@ from delta3_pacdrive.robot.drive.diagnostics import fault_text
 from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.studies.drives.loops.load import Load, gear_of
+from delta3_pacdrive.studies.runs.oscilloscope import finest
 
 SETTLING_S = 0.25  # after the drive is enabled: 15 time constants of the position loop
 ENABLING_CYCLES_MAX = 2000
@@ -65,8 +66,7 @@ class Run:
 def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> Parameters:
     """Return parameters of the drive on the bench: load inertia in its shaft, loops outside ``place`` open."""
     drive = parameters.drive
-    values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
-    values['control__feed_forward'] = INERTIA  # without a task no torque is commanded
+    values: dict[str, Any] = {'control__feed_forward': INERTIA}  # without a task no torque is commanded
     if math.isfinite(load.inertia_kg_m2):
         gear = gear_of(parameters)
         own = load.inertia_kg_m2 if gear is None else gear.rotor_kg_m2
@@ -80,7 +80,7 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
         values |= {'drive__position_gain_rad_s_rad': 0.0, 'drive__velocity_feedforward': 1.0}
         # set points of the speed in every period of its loop
         values |= {'drive__current_feedforward': 0.0, 'drive__position_period_s': drive.velocity_period_s}
-    return parameters.replace(**values)
+    return finest(parameters).replace(**values)
 
 
 class Bench:

@@ -1,13 +1,13 @@
 """Report of the Jacobian experiments: JSON summary, conclusions in sentences, tables."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
 
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.studies.framework.columns import csv_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table, columns_of
 from delta3_pacdrive.studies.thesis.jacobian import condition
 from delta3_pacdrive.studies.thesis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT
@@ -147,7 +147,8 @@ def text(document: dict[str, Any]) -> list[str]:
 
 def tables(found: Results) -> list[Table]:
     """Return tables of signals and deviations, sensitivities to each length, and the condition of the Jacobian."""
-    return [_signals(found.trials), _sensitivities(found.trials), _condition(found.sweep)]
+    sensitivities = [row for trial in found.trials for row in trial.sensitivities]
+    return [_signals(found.trials), csv_table('sensitivities.csv', sensitivities), _condition(found.sweep)]
 
 
 def _trajectory(trial: Trial) -> dict[str, Any]:
@@ -163,8 +164,8 @@ def _trajectory(trial: Trial) -> dict[str, Any]:
         'exact': _compared(motion, trial.exact),
         'inexact': _compared(motion, trial.inexact),
         'every_length_1_mm_off': trial.tolerance,
-        'sensitivities': [asdict(row) for row in trial.sensitivities],
-        'other_causes': [asdict(cause) for cause in trial.causes],
+        'sensitivities': to_dict(trial.sensitivities),
+        'other_causes': to_dict(trial.causes),
     }
 
 
@@ -221,23 +222,6 @@ def _signals(trials: list[Trial]) -> Table:
             cells = [None if value != value else f'{value:.9g}' for value in values]
             rows.append({'trajectory': motion.name, **dict(zip(columns, cells, strict=True))})
     return Table.of_rows('signals.csv', rows)
-
-
-def _sensitivities(trials: list[Trial]) -> Table:
-    rows = []
-    for own in (own for trial in trials for own in trial.sensitivities):
-        row: dict[str, Any] = {'trajectory': own.trajectory, 'pose': own.pose.value, 'length': own.symbol}
-        row['value [mm]'] = f'{1e3 * own.value_m:g}'
-        for name, share in (('velocity', own.velocity), ('acceleration', own.acceleration)):
-            for unit, factor in (('%/mm', 1.0), ('%/%', own.mm_per_percent)):
-                row[f'{name} max of peak [{unit}]'] = f'{factor * share.of_peak:.5g}'
-                row[f'{name} rms of peak [{unit}]'] = f'{factor * share.of_peak_rms:.5g}'
-                row[f'{name} max momentary [{unit}]'] = f'{factor * share.momentary:.5g}'
-        row['wanted deviation of velocity [%]'] = own.target_percent
-        for name, needed in (('of peak', own.needed_of_peak_m), ('momentary', own.needed_momentary_m)):
-            row[f'error for it {name} [mm]'] = None if needed is None else f'{1e3 * needed:.4g}'
-        rows.append(row)
-    return Table.of_rows('sensitivities.csv', rows)
 
 
 def _condition(found: Sweep) -> Table:

@@ -5,12 +5,14 @@ Slopes are central differences of the joint motion through the Jacobian over err
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.studies.framework.columns import Column
 from delta3_pacdrive.studies.thesis.jacobian.deviation import THRESHOLD, peaks, share_of
 from delta3_pacdrive.studies.thesis.jacobian.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
 from delta3_pacdrive.studies.thesis.jacobian.motion import Motion
@@ -24,33 +26,36 @@ ERROR_MAX = 1.0  # largest error searched for, relative to the length
 
 @dataclass(frozen=True)
 class Share:
-    """Deviation caused by an error of 1 mm [%/mm]."""
+    """Deviation caused by an error of a length [%/mm, or % per % of the length]."""
 
-    of_peak: float  # largest deviation relative to the peak of the joint
-    of_peak_rms: float
-    momentary: float  # largest deviation relative to the momentary value
+    # largest deviation relative to the peak of the joint
+    of_peak: Annotated[float, Column('max of peak', form='.5g')]
+    of_peak_rms: Annotated[float, Column('rms of peak', form='.5g')]
+    # largest deviation relative to the momentary value
+    momentary: Annotated[float, Column('max momentary', form='.5g')]
+
+    def times(self, factor: float) -> 'Share':
+        """Return the deviation by an error of another size."""
+        return Share(factor * self.of_peak, factor * self.of_peak_rms, factor * self.momentary)
 
 
 @dataclass(frozen=True)
 class Sensitivity:
     """Effect of an error of one length on one trajectory."""
 
-    trajectory: str
-    pose: Pose
-    symbol: str
-    value_m: float  # exact length
-    velocity: Share
-    acceleration: Share
-    target_percent: float  # largest deviation of joint velocities in the thesis, 10 % if it gives none
-    needed_of_peak_m: (
-        float | None
-    )  # error with which the joint velocity deviates by target_percent; None if none does
-    needed_momentary_m: float | None
-
-    @property
-    def mm_per_percent(self) -> float:
-        """One percent of the length [mm]: factor from slopes per millimetre to slopes per percent."""
-        return 10.0 * self.value_m
+    trajectory: Annotated[str, Column('trajectory')]
+    pose: Annotated[Pose, Column('pose')]
+    symbol: Annotated[str, Column('length')]
+    value_m: Annotated[float, Column('value [mm]', form='g in mm')]  # exact length
+    velocity: Annotated[Share, Column('velocity {} [%/mm]')]
+    velocity_relative: Annotated[Share, Column('velocity {} [%/%]', in_json=False)]
+    acceleration: Annotated[Share, Column('acceleration {} [%/mm]')]
+    acceleration_relative: Annotated[Share, Column('acceleration {} [%/%]', in_json=False)]
+    # largest deviation of joint velocities in the thesis, 10 % if it gives none
+    target_percent: Annotated[float, Column('wanted deviation of velocity [%]')]
+    # error with which the joint velocity deviates by target_percent; None if none does
+    needed_of_peak_m: Annotated[float | None, Column('error for it of peak [mm]', form='.4g in mm')]
+    needed_momentary_m: Annotated[float | None, Column('error for it momentary [mm]', form='.4g in mm')]
 
 
 def slope(motion: Motion, kinematics: Kinematics, symbol: str, pose: Pose) -> JointMotion:
@@ -74,14 +79,18 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
             needed = partial(_needed, motion, kinematics, symbol, pose=pose, target=target)
             velocity = _share(change.velocity, motion.thetadot)
             acceleration = _share(change.acceleration, motion.thetaddot)
+            value_m = float(getattr(kinematics, key))
+            per_percent = 10.0 * value_m  # one percent of the length [mm]
             rows.append(
                 Sensitivity(
                     trajectory=motion.name,
                     pose=pose,
                     symbol=symbol,
-                    value_m=float(getattr(kinematics, key)),
+                    value_m=value_m,
                     velocity=velocity,
+                    velocity_relative=velocity.times(per_percent),
                     acceleration=acceleration,
+                    acceleration_relative=acceleration.times(per_percent),
                     target_percent=target,
                     needed_of_peak_m=needed(velocity.of_peak),
                     needed_momentary_m=needed(velocity.momentary, momentary=True),
