@@ -31,6 +31,7 @@ gc.set_threshold(50_000, 10, 10)
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 FIRST = (
     'system/test_identical.py',
+    'system/test_identical_turns.py',
     'system/test_up.py',
     'system/test_run.py',
     'system/test_scripts.py',

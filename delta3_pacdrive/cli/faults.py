@@ -96,10 +96,10 @@ def line_of(row: dict[str, Any]) -> str:
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
-def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]]':
+def _chosen(options: Options, rotary: 'Sequence[str]') -> 'tuple[list[Case], list[CellCase]]':
     """Return the selected cases of robots and of simulated cells; raises RunError.
 
-    ``rotary``: whether the robot has a rotary axis.
+    ``rotary`` are the rotary axes of the robot.
     """
     from delta3_pacdrive.verification.fault_catalogue import cell_runner as of_cells
     from delta3_pacdrive.verification.fault_catalogue.cases import cases
@@ -122,7 +122,7 @@ def _run_catalogue(options: Options) -> Output:
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     robot = core.load(options.parameters)
-    todo, in_cells = _chosen(options, robot.rotary.present)
+    todo, in_cells = _chosen(options, robot.axes[core.ARMS :])
     count = len(todo) + len(in_cells)
     announce_compilation(options.parameters)
     if not options.json:

@@ -276,7 +276,7 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     seen = operator.progress
     operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
     progress = operator.progress.to_fields()
-    facts = {key: progress[key] for key in (*STATE_FACTS, TURN) if key in progress}
+    facts = {key: progress[key] for key in (*STATE_FACTS, *TURNS) if key in progress}
     try:
         operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
     except RunError:
@@ -286,7 +286,7 @@ def _state_facts(operator: Any) -> dict[str, Any]:
 
 
 SILENT_S = 5.0  # timeout for the progress of a moving robot
-TURN = 'turn_rad'  # published by robots with a rotary axis
+TURNS = ('turn_rad', 'turn_rad_2')  # published by robots with these rotary axes
 UP_S = 120.0  # timeout of ``wait``, including the first compilation of kernels
 PLANNER_S = 2.0  # timeout for the status of the planner
 STATE_FACTS = (
@@ -315,8 +315,8 @@ def _state_text(facts: dict[str, Any]) -> str:
         parts.append(f'override {100 * facts["override"]:g} %')
     if facts['tcp_m'] is not None:
         parts.append(f'TCP at {millimetres(facts["tcp_m"])}')
-    if TURN in facts:
-        parts.append(f'tool at {math.degrees(facts[TURN]):.2f} deg')
+    if turns := [f'{math.degrees(facts[key]):.2f}' for key in TURNS if key in facts]:
+        parts.append(f'tool at {" and ".join(turns)} deg')
     if facts['queue'] is not None:
         parts.append(f'{counted(facts["queue"], "move")} in the queue')
     if facts['planning']:

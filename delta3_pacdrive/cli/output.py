@@ -169,6 +169,8 @@ def answered(sentence: str) -> Output:
 
 def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
     """Return the current limits of the motors [A], the share that a run used, and a warning for each exceeded one."""
+    from delta3_pacdrive.parameters import numbered
+    from delta3_pacdrive.planning.rotating_move import axis_text
     from delta3_pacdrive.robot.motor import thermal_warnings
 
     used: dict[str, Any] = {
@@ -178,13 +180,12 @@ def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
         currents = result[f'current_{name}_a']
         used[f'current_{name}_limit_a'] = limit
         used[f'current_{name}_used'] = [None if one is None else one / limit for one in currents]
-    if 'turn_current_rms_a' in result:
-        rms, nominal = result['turn_current_rms_a'], robot.rotary.nominal_current_a
-        used['warnings'] += thermal_warnings([rms], nominal, ['the motor of the rotary axis'])
-        used['turn_current_peak_limit_a'], used['turn_current_rms_limit_a'] = (
-            robot.rotary.peak_current_a,
-            nominal,
-        )
+    for number, rotary in enumerate(robot.rotary_axes):
+        if (rms := result.get(numbered('turn_current_rms_a', number))) is not None:
+            motor = f'the motor of {axis_text(robot, number)}'
+            used['warnings'] += thermal_warnings([rms], rotary.nominal_current_a, [motor])
+            used[numbered('turn_current_peak_limit_a', number)] = rotary.peak_current_a
+            used[numbered('turn_current_rms_limit_a', number)] = rotary.nominal_current_a
     return used
 
 
@@ -219,6 +220,7 @@ def parts_rows(cell: dict[str, Any]) -> list[tuple[str, str]]:
 
 def figures_text(result: dict[str, Any]) -> list[str]:
     """Return the figures of a run as lines of text."""
+    from delta3_pacdrive.parameters import ROTARY_AXES_MAX
     from delta3_pacdrive.studies.framework.columns import named_lines
 
     factor = result['bus_time_s'] / result['wall_time_s']
@@ -236,15 +238,8 @@ def figures_text(result: dict[str, Any]) -> list[str]:
         ('peak in the AT', _amperes(result['at_current_peak_a'])),
         ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
-    if 'turn_error_max_rad' in result:
-        encoder, moving = (
-            math.degrees(result[f'turn_{name}error_max_rad']) for name in ('encoder_place_', '')
-        )
-        at_end = f'{encoder:.4f} deg by its encoder'
-        if 'turn_place_error_max_rad' in result:  # the true angle is known in simulation only
-            at_end = f'{math.degrees(result["turn_place_error_max_rad"]):.4f} deg, {at_end}'
-        rows.append(('tool', f'error max at move ends {at_end}; during motion {moving:.4f} deg'))
-        rows.append(('tool current', _tool_current(result)))
+    for number in range(ROTARY_AXES_MAX):
+        rows += _rotary_rows(result, number)
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
@@ -271,9 +266,25 @@ def figures_text(result: dict[str, Any]) -> list[str]:
     return named_lines(rows, NAME_WIDTH)
 
 
-def _tool_current(result: dict[str, Any]) -> str:
+def _rotary_rows(result: dict[str, Any], number: int) -> list[tuple[str, str]]:
+    """Return the rows of a rotary axis; empty if the run has no results of it."""
+    from delta3_pacdrive.parameters import numbered
+
+    def found(name: str) -> Any:
+        return result.get(numbered(f'turn_{name}', number))
+
+    if found('error_max_rad') is None:
+        return []
+    encoder, moving = (math.degrees(found(f'{name}error_max_rad')) for name in ('encoder_place_', ''))
+    at_end = f'{encoder:.4f} deg by its encoder'
+    if (true := found('place_error_max_rad')) is not None:  # the true angle is known in simulation only
+        at_end = f'{math.degrees(true):.4f} deg, {at_end}'
     peak, rms = (
-        _amperes([result[f'turn_current_{name}_a']], result.get(f'turn_current_{name}_limit_a'), limit)
+        _amperes([found(f'current_{name}_a')], found(f'current_{name}_limit_a'), limit)
         for name, limit in (('peak', 'peak'), ('rms', 'nominal'))
     )
-    return f'peak {peak}; rms in the AT {rms}'
+    tool = numbered('tool', number).replace('_', ' ')
+    return [
+        (tool, f'error max at move ends {at_end}; during motion {moving:.4f} deg'),
+        (f'{tool} current', f'peak {peak}; rms in the AT {rms}'),
+    ]

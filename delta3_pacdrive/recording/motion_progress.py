@@ -60,7 +60,9 @@ class MotionProgress(JsonMessage):
     learned_torques: bool = False  # the program has some
     unlearned: str = ''  # why they are not followed, empty if they are
     repeated_telegrams: int = 0
-    turn_rad: float | None = None  # measured angle of the rotary axis, if present
+    # measured angle of each rotary axis, if present
+    turn_rad: float | None = None
+    turn_rad_2: float | None = None
     # totals of bus and program, after the end of a program and with a fault
     statistics: dict[str, Any] = field(default_factory=dict)
 
@@ -72,6 +74,11 @@ class MotionProgress(JsonMessage):
         except (RecursionError, TypeError, ValueError):
             raise TelegramError(f'{shown(text)} is not a progress report') from None
         return cls.from_fields(NO_REPORT.to_fields() | given)
+
+    @property
+    def turns_rad(self) -> tuple[float, ...]:
+        """Measured angles of the rotary axes."""
+        return tuple(angle for angle in (self.turn_rad, self.turn_rad_2) if angle is not None)
 
     @property
     def received(self) -> bool:

@@ -96,7 +96,8 @@ def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
 
 def test_currents_are_compared_with_their_limits_and_one_beyond_is_a_warning(robot, capsys):
     hot = RESULT | OF_TURNS | {'current_peak_a': [17.0, 8.5, None], 'current_rms_a': [4.24, 2.86, None]}
-    used = output.currents_used(hot | {'turn_current_rms_a': 1.7}, robot)
+    turning = robot.replace(rotary__present=True)
+    used = output.currents_used(hot | {'turn_current_rms_a': 1.7}, turning)
     assert used['current_peak_used'] == [1.0, 0.5, None]
     assert used['current_rms_used'] == [4.24 / 4.1, 2.86 / 4.1, None]
     print('\n'.join(output.figures_text(hot | used)))

@@ -10,7 +10,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.recording.motion_progress import NO_REPORT, NUMBER_MAX, MotionProgress
 
 REPORT = replace(NO_REPORT, session='3fa9', missing=('axis1',), tcp_m=(0.0, 0.0, -0.75), remaining_s=0.5)
-OPTIONAL = {'turn_rad', 'statistics'}
+OPTIONAL = {'turn_rad', 'turn_rad_2', 'statistics'}
 
 
 def read(**changes):

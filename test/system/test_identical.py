@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
@@ -22,7 +21,7 @@ from delta3_pacdrive.planning.learned_torques import Learned, Origin
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bags.bag_reader import open_bag
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION, TURN_SIGNALS
+from delta3_pacdrive.recording.signals import JOINT_MOTION
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
@@ -30,30 +29,12 @@ from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.studies.runs import derived_signals, runs, trace_export
 from delta3_pacdrive.studies.runs.run_signals import energy_of_round
+from same_bits import FIGURES, assert_same, assert_same_where_recorded
 from thoroughness import some
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 LONG = pytest.mark.long
 ONE_PROCESS = ['--single-process']
-
-COMPARED = (
-    'motor_command',
-    'motor_position',
-    'motor_speed',
-    'current',
-    'following_error',
-    'tcp_command',
-    'tcp_actual',
-    'tcp_error',
-    'shaft_position',
-    'shaft_speed',
-    'coupling_torque',
-    *CURRENT_SIGNALS,
-)
-FIGURES = (
-    'tcp_error_max_m', 'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a',
-    'at_current_peak_a', 'at_current_rms_a',
-)  # fmt: skip
 
 
 @pytest.fixture(scope='module')
@@ -69,16 +50,6 @@ def busy_processor() -> Iterator[None]:
     yield
     hog.kill()
     hog.wait()
-
-
-def _assert_same(simulated: Trace, recorded: Trace, result: dict) -> None:
-    cycles = len(simulated.time_s)
-    assert len(recorded.time_s) >= cycles
-    np.testing.assert_array_equal(recorded.time_s[:cycles], simulated.time_s)
-    for name in COMPARED:
-        np.testing.assert_array_equal(recorded[name][:cycles], simulated[name], err_msg=name)
-    for name in FIGURES:
-        assert result[name] == simulated.meta['figures'][name], name
 
 
 # every kind of move, rounded corners, outputs and payloads
@@ -107,15 +78,6 @@ moves:
 """
 
 
-def _assert_same_where_recorded(simulated: Trace, recorded: Trace, cycle_time_s: float) -> NDArray[np.int_]:
-    """Compare the cycles on record, as a recorder on a busy machine may miss some; return them."""
-    cycles = [np.rint(trace.time_s / cycle_time_s).astype(int) for trace in (simulated, recorded)]
-    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
-    for name in COMPARED:
-        np.testing.assert_array_equal(recorded[name][theirs], simulated[name][ours], err_msg=name)
-    return common
-
-
 def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1') -> tuple[Trace, dict]:
     done = delta3('run', program, '--json', '--bag', bag, *options)
     assert done.returncode == 0, done.stderr
@@ -136,7 +98,7 @@ def test_graph_gives_the_bits_of_the_simulation(
     options: list[str], simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     recorded, result = _run(delta3, tmp_path / 'bag', '--logs', str(tmp_path / 'logs'), *options)
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     assert result['lost_telegrams'] == 0
     assert {'cycles', 'bus_time_s', 'wall_time_s', 'overruns'} <= result.keys()
     if ONE_PROCESS[0] not in options:
@@ -230,7 +192,7 @@ def test_waits_for_the_robot_take_as_long_in_the_graph_as_in_the_simulation(
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     options = ['--real-time-factor', '0', '--parameters', 'delta3']
     recorded, result = _run(delta3, tmp_path / 'bag', *options, program=str(program))
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     planned = simulation.plan_of(programs.load(program, robot.motion), robot).plan.duration_s
     assert simulated.meta['end_cycle'] > simulated.meta['start_cycle'] + planned / 1e-3 + 50
 
@@ -240,7 +202,7 @@ def test_a_busy_processor_changes_no_bit_in_real_time(
     simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None, busy_processor: None
 ) -> None:
     recorded, result = _run(delta3, tmp_path / 'bag')
-    assert len(_assert_same_where_recorded(simulated, recorded, 1e-3)) > 300
+    assert len(assert_same_where_recorded(simulated, recorded, 1e-3)) > 300
     for name in FIGURES:
         assert result[name] == simulated.meta['figures'][name], name
 
@@ -253,7 +215,7 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
     robot = parameters.load(source)
     simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
     options = [*ONE_PROCESS, '--real-time-factor', '0', '--parameters', source]
-    _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
+    assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
 @pytest.mark.parametrize(
@@ -272,89 +234,9 @@ def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     options = ['--real-time-factor', '0', '--parameters', str(model), *options]
     recorded, result = _run(delta3, tmp_path / 'bag', *options, program=str(program))
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     cycles = len(simulated.time_s)
     np.testing.assert_array_equal(recorded['torque_command'][:cycles], simulated['torque_command'])
-
-
-# turns on the way, over rounded corners with parts of two weights, and while the robot stands
-TURNING = """
-start_m: [-0.1525, 0.0, -0.85]
-start_turn_deg: 30
-payload_kg: 0.0
-limits: {speed_m_s: 4.0, acceleration_m_s2: 100.0, jerk_m_s3: 20000.0}
-moves:
-- output: {name: gripper, value: true, payload_kg: 0.5}
-- dwell: {time_s: 0.03}
-- move_l: {to_m: {by_m: [0, 0, 0.025]}, blend_m: 0.025}
-- move_l: {to_m: {by_m: [0.305, 0, 0]}, blend_m: 0.025, turn_deg: 180}
-- move_l: {to_m: {by_m: [0, 0, -0.025]}, in_position: true}
-- output: {name: gripper, value: false, payload_kg: 0.0}
-- turn: {to_deg: 90}
-- move_l: {to_m: {by_m: [0, 0, 0.025]}, blend_m: 0.025}
-- move_l: {to_m: {by_m: [-0.305, 0, 0]}, blend_m: 0.025, turn_deg: {by_deg: -180}}
-- move_l: {to_m: {by_m: [0, 0, -0.025]}}
-"""
-TOLD_OF_TURNS = [name for name in TURN_SIGNALS if name != 'turn_true']  # what no topic tells
-
-
-def _run_turning(
-    source: str, program: Path, delta3: Runner, bag: Path, options: list[str]
-) -> tuple[Trace, Trace, subprocess.CompletedProcess[str]]:
-    """Return a run of the simulation, the same one on the graph, and how that ended."""
-    robot = parameters.load(source)
-    simulated = simulation.run(programs.load(program, robot.motion), robot)
-    options = ['--real-time-factor', '0', '--parameters', source, *options]
-    done = delta3('run', program, '--json', '--bag', bag, *options)
-    return simulated, trace_file.load(bag), done
-
-
-TURNED = [(name, ONE_PROCESS) for name in ('delta3+rotary', 'model+rotary', 'rich+rotary+model')]
-
-
-@pytest.mark.parametrize(('source', 'options'), some([*TURNED, ('model+rotary', [])], TURNED[:1]))
-def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
-    source: str, options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    program = tmp_path / 'turning.yaml'
-    program.write_text(TURNING)
-    simulated, recorded, done = _run_turning(source, program, delta3, tmp_path / 'bag', options)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    _assert_same(simulated, recorded, result)
-    assert np.abs(simulated['turn_current']).max() > 1.0
-    of_tool = {name: x for name, x in simulated.meta['figures'].items() if name.startswith('turn_')}
-    assert {name: result.get(name) for name in of_tool} == of_tool | {'turn_place_error_max_rad': None}
-    driven = slice(recorded.meta['start_cycle'], recorded.meta['start_cycle'] + result['measured_cycles'])
-    assert result['turn_error_max_rad'] == np.abs(recorded['turn_error'][driven]).max()
-    for name in TOLD_OF_TURNS:
-        np.testing.assert_array_equal(recorded[name][: len(simulated.time_s)], simulated[name], err_msg=name)
-    assert 'turn_true' not in recorded.signals
-
-
-@pytest.mark.long
-def test_faults_of_a_tool_that_turns_give_the_bits_of_the_simulation(
-    delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    program = tmp_path / 'turning.yaml'
-    program.write_text(
-        TURNING
-        + """
-faults:
-- {fault: drop_mdt, axis: axis4, after_s: 0.05}
-- {fault: drop_at, axis: axis4, after_s: 0.08}
-- {fault: overload, axis: axis4, torque_n_m: 0.4, after_s: 0.1, for_s: 0.03}
-- {fault: encoder_failure, axis: axis4, after_s: 0.16}
-"""
-    )
-    simulated, recorded, done = _run_turning('model+rotary', program, delta3, tmp_path / 'bag', [])
-    assert done.returncode == 1
-    assert json.loads(done.stdout)['error'] == simulated.meta['stopped']
-    assert simulated.meta['stopped'].startswith('axis4 reports a fault in bus cycle')
-    common = _assert_same_where_recorded(simulated, recorded, 1e-3)
-    assert len(common) == common[-1] + 1
-    for name in TOLD_OF_TURNS:
-        np.testing.assert_array_equal(recorded[name][: len(common)], simulated[name][common], err_msg=name)
 
 
 @pytest.mark.long
@@ -366,7 +248,7 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
     simulated = simulation.run(programs.load('packaging_fast', robot.motion), robot)
     options = ['--real-time-factor', '0', '--parameters', 'model']
     recorded, result = _run(delta3, tmp_path / 'bag', *options, program='packaging_fast')
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     assert result['energy'] == asdict(energy_of_round(simulated, robot, 10))
 
 
@@ -413,7 +295,7 @@ def test_learned_torques_give_the_bits_of_their_simulation(
     simulated = simulation.run(program, robot, learned=learned)
     options = ['--real-time-factor', '0', '--parameters', 'model', '--learned', str(file)]
     recorded, result = _run(delta3, tmp_path / 'bag', *options)
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     cycles = len(simulated.time_s)
     commanded = recorded['torque_command'][:cycles]
     np.testing.assert_array_equal(commanded, simulated['torque_command'])
@@ -437,7 +319,7 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     simulated = simulation.run(programs.load(program, robot.motion), robot)
     bag = tmp_path / 'bag'
     recorded, result = _run(delta3, bag, '--real-time-factor', '0', *options, program=str(program))
-    _assert_same(simulated, recorded, result)
+    assert_same(simulated, recorded, result)
     _assert_same_story(runs.load(str(program)), runs.load(str(bag)))
 
 
@@ -453,7 +335,7 @@ def test_a_sampled_trajectory_gives_the_bits_of_its_simulation(
     assert done.returncode == 0, done.stderr
     done = delta3('run', '--real-time-factor', '0', '--bag', tmp_path / 'bag', *reference)
     assert done.returncode == 0, done.stderr
-    _assert_same(
+    assert_same(
         trace_file.load(tmp_path / 'a.npz'), trace_file.load(tmp_path / 'bag'), json.loads(done.stdout)
     )
 
@@ -519,7 +401,7 @@ def test_injected_faults_and_the_stop_give_the_bits_of_the_simulation(
     assert done.stderr.splitlines()[-1] == f'error: {simulated.meta["stopped"]}'
     assert '8171' in done.stderr
     recorded = trace_file.load(tmp_path / 'bag')
-    common = _assert_same_where_recorded(simulated, recorded, robot.bus.cycle_time_s)
+    common = assert_same_where_recorded(simulated, recorded, robot.bus.cycle_time_s)
     # everything is on record, until all drives are without torque
     assert np.abs(simulated['current'][common[-1]]).max() == 0.0
     assert len(common) == common[-1] + 1
@@ -581,7 +463,7 @@ def test_a_cell_on_the_bus_has_the_bits_of_the_one_in_a_simulation(
         delta3, tmp_path / 'bag', '--real-time-factor', '0', '--cell', 'cell', program='packaging'
     )
     found = trace_export.completed(recorded, ['cell_inputs'])
-    assert len(_assert_same_where_recorded(simulated, found, robot.bus.cycle_time_s)) > 3000
+    assert len(assert_same_where_recorded(simulated, found, robot.bus.cycle_time_s)) > 3000
     rows = np.rint(found.time_s / robot.bus.cycle_time_s).astype(int)
     within = rows < len(simulated.time_s)
     assert simulated['cell_inputs'].max() == 1.0

@@ -25,7 +25,7 @@ from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.control.operation.script_service import ScriptService
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, numbered
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT
@@ -266,6 +266,9 @@ class RobotController:
         place = task.answer['tcp_actual'] if answered else state.tcp_m if state.located else None
         remaining = max(end - answered, 0) if end < NEVER else 0
         stops = task.loaded and task.held  # the remaining time then depends on the resume
+        turns: dict[str, Any] = {
+            numbered('turn_rad', number): axis.feedback[1] for number, axis in enumerate(task.rotary)
+        }
         return MotionProgress(
             session=self.bus.session.decode(),
             phase=self.bus.phase.name,
@@ -301,7 +304,7 @@ class RobotController:
             learned_torques=task.learned.exist,
             unlearned=task.learned.reason,
             repeated_telegrams=cycles.answers.repeated,
-            turn_rad=next((axis.feedback[1] for axis in task.rotary), None),
+            **turns,
         )
 
     def totals(self) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The fault catalogue: every fault in every state, and the expected reaction."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
 from delta3_pacdrive.robot.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
 from delta3_pacdrive.robot.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT
 
 
 class State(StrEnum):
@@ -209,14 +210,6 @@ _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'brake_stuck'}, _LATE),
     ({'fault': 'overload', 'torque_n_m': 0.6}, ''),
 ]
-_ROWS_OF_TOOL = [
-    *(
-        _Row({**fault, 'axis': TOOL_DRIVE}, expected, _OTHERWISE.get(fault['fault'], {}))
-        for fault, expected in _OF_TOOL
-    ),
-    _Row({'fault': 'freeze', 'node': TOOL_DRIVE, 'seconds': HUNG_S}, TOOL_DRIVE, _STARTS),
-    _Row({'fault': 'kill', 'node': TOOL_DRIVE}, TOOL_DRIVE, _STARTS),
-]
 # an overload that ends before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
 # Running processes that stop receiving: delta3 up replaces them after a timeout of the bus. Which message a deaf plant,
@@ -229,12 +222,6 @@ DEAF = [
         (TASK, State.STANDING),
     )
 ]
-# an overload of long duration, and one beyond the motor's torque
-OF_LOADED_TOOL = [
-    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 3.0, 'for_s': 0.6}, State.STANDING, '8902'),
-    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 5.0, 'for_s': 0.03}, State.STANDING, '8111'),
-    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 5.0, 'for_s': 0.03}, State.MOVING, '8111'),
-]
 SHORT = (
     'drop_mdt axis2 x2 enabling',
     'drop_at axis3 x2 stopping',
@@ -246,7 +233,7 @@ SHORT = (
     'kill transformation_task starting',
 )
 SHORT_OF_TOOL = ('drop_at axis4 x2 held', 'winding_short axis4 moving')
-WITHOUT_TOOL = f'; those of {TOOL_DRIVE} need a robot with a rotary axis (rotary.present)'
+WITHOUT_TOOL = '; those of axis4 need a robot with a rotary axis (rotary.present)'
 
 
 def _of_row(row: _Row) -> list[Case]:
@@ -261,14 +248,35 @@ def _of_row(row: _Row) -> list[Case]:
     return cases
 
 
-def cases(short: bool = False, only: str = '', rotary: bool = False) -> list[Case]:
-    """Return the catalogue or its short form; ``only`` selects cases by text, ``rotary`` adds the rotary axis.
+def _of_rotary_axis(axis: str) -> list[Case]:
+    """Return the cases of a rotary axis."""
+    rows = [
+        *(
+            _Row({**fault, 'axis': axis}, expected, _OTHERWISE.get(fault['fault'], {}))
+            for fault, expected in _OF_TOOL
+        ),
+        _Row({'fault': 'freeze', 'node': axis, 'seconds': HUNG_S}, axis, _STARTS),
+        _Row({'fault': 'kill', 'node': axis}, axis, _STARTS),
+    ]
+    # an overload of long duration, and one beyond the motor's torque
+    long, hard = (
+        {'fault': 'overload', 'axis': axis, 'torque_n_m': torque, 'for_s': time}
+        for torque, time in ((3.0, 0.6), (5.0, 0.03))
+    )
+    return [case for row in rows for case in _of_row(row)] + [
+        Case(long, State.STANDING, '8902'),
+        Case(hard, State.STANDING, '8111'),
+        Case(hard, State.MOVING, '8111'),
+    ]
+
+
+def cases(short: bool = False, only: str = '', rotary: Sequence[str] = ()) -> list[Case]:
+    """Return the catalogue or its short form; ``only`` selects cases by text, ``rotary`` are the rotary axes.
 
     Raises RunError if there are none.
     """
     everything = [case for row in _ROWS for case in _of_row(row)] + [I2T, *DEAF]
-    if rotary:
-        everything += [case for row in _ROWS_OF_TOOL for case in _of_row(row)] + OF_LOADED_TOOL
+    everything += [case for axis in rotary for case in _of_rotary_axis(axis)]
     lines = (*SHORT, *SHORT_OF_TOOL)
     found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:

@@ -120,15 +120,17 @@ class Catalogue(FaultObserver):
         moves: list[dict[str, Any]] = []
         for point in points:
             angle_deg = 0.0 if point is self._home else TURN_DEG
-            turn = {'turn_deg': angle_deg} if self._robot.rotary.present else {}
+            angles = [angle_deg] * len(self._robot.rotary_axes)
+            turn = {'turn_deg': angles} if angles else {}
             moves.append({'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **turn, **limits}})
         return moves
 
     def make_ready(self, home_m: Sequence[float]) -> None:
         """Make the robot ready, and return the tool of a rotary axis to 0; raises Delta3Error."""
         super().make_ready(home_m)
-        if abs(self.progress.turn_rad or 0.0) > THERE_RAD:
-            self.drive([{'turn': {'to_deg': 0.0}}])
+        turns_rad = self.progress.turns_rad
+        if any(abs(angle) > THERE_RAD for angle in turns_rad):
+            self.drive([{'turn': {'to_deg': [0.0] * len(turns_rad)}}])
             self.wait(self.is_at_rest, 'end of the turn')
 
     def _run(self, case: Case, outcome: Outcome) -> None:

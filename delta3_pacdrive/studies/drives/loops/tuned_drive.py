@@ -64,7 +64,7 @@ class ToolDrive(ArmDrive):
     usual_program = ''
 
     def __init__(self, robot: Parameters) -> None:
-        if not robot.rotary.present:
+        if not robot.rotary_axes:
             raise TuningError(
                 f'--axis is {TOOL_AXIS}, but the robot has no rotary axis (rotary.present is false)'
             )
