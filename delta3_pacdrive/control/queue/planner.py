@@ -3,6 +3,9 @@
 Pure: status of the transformation task, requests of operators and results of the planning thread arrive as calls;
 messages to publish, jobs to plan and replies leave as actions. Requests are served one at a time, in order of arrival.
 Each is answered once it has been carried out or rejected.
+
+It is longer than other modules because every event of one robot (status, verdict, request, result) can change the
+queue, the running program and the request being served together.
 """
 
 from collections.abc import Callable
