@@ -236,10 +236,7 @@ class CyclicOperation:
     def complete(self, received_ns: int = 0) -> None:
         """Evaluate all cycles with complete feedback; an AT counts as lost once a later one has arrived."""
         buffer, inputs, state, services = self.answers, self.inputs, self._state, self._services
-        belts, first = self.belts, self.answered
-        if not (buffer.is_complete(first) and inputs.is_complete(first) and belts.is_complete(first)):
-            return  # the next cycle has to wait as well
-        gate = self._gate
+        belts, gate, first = self.belts, self._gate, self.answered
         while not gate.closed and (cycle := self.answered) < self.next_cycle:
             if not (buffer.is_complete(cycle) and inputs.is_complete(cycle) and belts.is_complete(cycle)):
                 break
@@ -267,5 +264,5 @@ class CyclicOperation:
             if state.fault and self._axes.absent and state.without_torque:
                 self._fall(state.fault)
                 return
-        if not self.scheduler.period_s and self.running:
+        if self.answered > first and not self.scheduler.period_s and self.running:
             self.start_due()

@@ -119,16 +119,12 @@ class RobotState:
         """First bus cycle in which every drive must be in torque for a motion; ``NEVER`` at rest."""
         if self.motion in (MotionState.MOVING, MotionState.STOPPING):
             return self.starts
-        return 0 if self._goes_with_belt and self.motion is MotionState.IDLE else NEVER
+        return 0 if self.motion is MotionState.IDLE and not self._task.tracking.free else NEVER
 
     @property
     def moves(self) -> bool:
         """Whether the TCP moves, on its path or with a belt."""
         return self.checked_from < NEVER
-
-    @property
-    def _goes_with_belt(self) -> bool:
-        return not self._task.tracking.free
 
     def refusal(self) -> Reason | None:
         """Return why no program can be started now, None if one can."""
@@ -173,12 +169,8 @@ class RobotState:
 
     def start(self, order: Order) -> Reason | None:
         """Start a program; return the reason if it is rejected."""
-        reason = (
-            self.refusal()
-            or self._belt_refusal()
-            or self._content_refusal(order)
-            or self._late_refusal(order)
-        )
+        stopped = STOPPED_OFF_BELT if self._task.tracking.clears_at_rest else None
+        reason = self.refusal() or stopped or self._content_refusal(order) or self._late_refusal(order)
         if reason is not None:
             return reason
         self._task.load(order.plan)
@@ -208,10 +200,6 @@ class RobotState:
         task.cancel_tracking()
         tracking.clear_loss()
         return max(tracking.rest_cycle, rest_cycle)
-
-    def _belt_refusal(self) -> Reason | None:
-        """Return why a robot stopped while following a belt cannot take moves yet, None if it can."""
-        return STOPPED_OFF_BELT if self._task.tracking.clears_at_rest else None
 
     def _content_refusal(self, order: Order) -> Reason | None:
         """Return why start cycle or start position of an order do not fit, None if they do."""
@@ -249,20 +237,19 @@ class RobotState:
         timely = self._checked_profile(Event.CHANGE, profile)
         if isinstance(timely, Reason):
             return timely
-        profile = timely
         reason = self._rejoin_refusal()
         if reason is not None:
             return reason
         try:
-            self._task.change(profile)
+            self._task.change(timely)
         except ProgramError as error:
             return Reason.of(error)
         if self.motion is MotionState.STOPPED:
             self._task.tracking.resume()
         self.ends = self._task.pending_last_cycle
         self._due = NEVER
-        self.published = profile
-        self.actions.append(Followed(profile))
+        self.published = timely
+        self.actions.append(Followed(timely))
         self._enter(Event.CHANGE)
         return None
 
