@@ -105,34 +105,25 @@ def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
         return robots.text, robots.measure(seconds, options.robots, options.json)
     if options.what == 'cell':
         return _cell(options)
-    if options.what == 'network':
-        with Progress() as progress:
-            return network.text, network.measure(
-                options.link, options.seconds or NETWORK_SECONDS, progress.show
-            )
-    if options.what == 'sweep':
-        from delta3_pacdrive.benchmarks import sweep
-
-        with Progress() as progress:
-            return sweep.text, sweep.measure(options.runs or sweep.RUNS, progress.show)
-    if options.what == 'shaping':
-        from delta3_pacdrive.benchmarks import shaping
-
-        with Progress() as progress:
-            return shaping.text, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
-    from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
+    from delta3_pacdrive.benchmarks import control, estimation, motion, shaping, simulation, sweep
 
     if options.what == 'estimation':
         return estimation.text, estimation.measure(options.seeds or estimation.SEEDS)
-
-    if options.what == 'control':
-        with Progress() as progress:
-            return control.text, control.measure(show=progress.show)
     if options.what == 'motion':
         return motion.text, motion.measure(None if options.no_graph else seconds)
     if options.what == 'simulate':
         return simulation.simulation_text, simulation.measure_simulation(seconds)
-    return simulation.kinematics_text, simulation.measure_kinematics()
+    if options.what == 'kinematics':
+        return simulation.kinematics_text, simulation.measure_kinematics()
+    with Progress() as progress:
+        if options.what == 'network':
+            own_s = options.seconds or NETWORK_SECONDS
+            return network.text, network.measure(options.link, own_s, progress.show)
+        if options.what == 'sweep':
+            return sweep.text, sweep.measure(options.runs or sweep.RUNS, progress.show)
+        if options.what == 'shaping':
+            return shaping.text, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
+        return control.text, control.measure(show=progress.show)
 
 
 def _cell(options: Options) -> tuple[Text, dict[str, Any]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
-from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
+from delta3_pacdrive.cli.option_types import NOISE, PROGRAM, SEED, number_within, trace_file
 from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import Task, run_study
 
@@ -77,7 +77,7 @@ class Options(JsonOptions):
     output: str = option('folder for report, tables and figures', 'FOLDER', default='estimation')
     resume: str | None = option('continue the estimation in this folder', 'FOLDER')
     design: str | None = option(
-        'only design an exciting program for the group and write it to this file', 'FILE', type=program_file
+        'only design an exciting program for the group and write it to this file', 'FILE', type=PROGRAM
     )
 
     def check(self) -> str:

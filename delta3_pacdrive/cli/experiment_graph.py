@@ -34,59 +34,12 @@ def require_no_bags(robots: Iterable[str], folder: Path) -> None:
             raise RunError(f'cannot record into {bag}: it exists already')
 
 
-def record(
-    program: Path,
-    robots: Mapping[str, Path],
-    folder: Path,
-    real_time_factor: float,
-    on_progress: OnProgress,
-) -> tuple[dict[str, Trace], list[str]]:
-    """Run a program on each robot as a graph of nodes; return the traces and notes.
-
-    A bring-up requires a separate process, so each run is a ``delta3 run``. If one fails, all bags are removed.
-
-    Parameters
-    ----------
-    robots
-        Parameter file of each robot, by name.
-    folder
-        Folder of the bags ``bag_NAME``.
-    real_time_factor
-        Bus time divided by wall time; 0: as fast as possible.
-    on_progress
-        Called with stage, completed and total steps.
-
-    Raises
-    ------
-    RunError
-        A bag exists, or a run failed.
-    TraceError
-        A bag cannot be read.
-
-    """
-    require_no_bags(robots, folder)
-    traces, notes = {}, []
-    try:
-        for done, (who, parameters) in enumerate(robots.items()):
-            on_progress(f'nodes of the {who}', done, len(robots))
-            bag = bag_of(who, folder)
-            result = _run([
-                str(program), '--parameters', str(parameters), '--bag', str(bag),
-                '--real-time-factor', str(real_time_factor), '--json',
-            ], who)  # fmt: skip
-            if missing := result.get('bag_missing'):
-                notes.append(f'the bag of the {who} lacks {missing} messages: the recorder could not keep up')
-            traces[who] = trace_file.load(bag)
-    except BaseException:
-        for who in robots:
-            shutil.rmtree(bag_of(who, folder), ignore_errors=True)
-        raise
-    return traces, notes
-
-
 @dataclass(frozen=True)
 class Graph:
-    """Runs a program with the nodes of both robots and records bags into a folder."""
+    """Runs a program with the nodes of robots and records a bag of each into a folder.
+
+    ``real_time_factor`` is bus time divided by wall time; 0: as fast as possible.
+    """
 
     folder: Path
     real_time_factor: float
@@ -98,8 +51,38 @@ class Graph:
         simulated: Mapping[str, Trace],
         on_progress: OnProgress,
     ) -> tuple[dict[str, Trace], list[str]]:
-        """Return the traces, and notes on recording and on equality with the simulations."""
-        traces, notes = record(program, robots, self.folder, self.real_time_factor, on_progress)
+        """Return the traces, and notes on recording and on equality with the simulations.
+
+        A bring-up requires a separate process, so each run is a ``delta3 run``. If one fails, all bags are removed.
+        ``robots`` are parameter files by name; the bags are named ``bag_NAME``.
+
+        Raises
+        ------
+        RunError
+            A bag exists, or a run failed.
+        TraceError
+            A bag cannot be read.
+
+        """
+        require_no_bags(robots, self.folder)
+        traces, notes = {}, []
+        try:
+            for done, (who, parameters) in enumerate(robots.items()):
+                on_progress(f'nodes of the {who}', done, len(robots))
+                bag = bag_of(who, self.folder)
+                result = _run([
+                    str(program), '--parameters', str(parameters), '--bag', str(bag),
+                    '--real-time-factor', str(self.real_time_factor), '--json',
+                ], who)  # fmt: skip
+                if missing := result.get('bag_missing'):
+                    notes.append(
+                        f'the bag of the {who} lacks {missing} messages: the recorder could not keep up'
+                    )
+                traces[who] = trace_file.load(bag)
+        except BaseException:
+            for who in robots:
+                shutil.rmtree(bag_of(who, self.folder), ignore_errors=True)
+            raise
         return traces, notes + [f'{who}: {same_as(trace, simulated[who])}' for who, trace in traces.items()]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
-from delta3_pacdrive.cli.option_types import csv_file, folder
+from delta3_pacdrive.cli.option_types import CSV, folder
 from delta3_pacdrive.cli.output import INTERRUPTED, Output, answered, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
@@ -33,7 +33,7 @@ class Options(JsonOptions):
     fault: str = argument('fault to inject', default='', type=str)
     short: bool = flag('run: only a few faults in various states, without cells', only=('run',))
     only: str | None = option('run: only cases that contain this text', 'TEXT', only=('run',))
-    csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
+    csv: str | None = option('run: write the table to this file', 'FILE', type=CSV, only=('run',))
     logs: Path | None = option(
         'run: keep the logs of the processes in this folder', 'DIR', type=folder, only=('run',)
     )
@@ -153,7 +153,7 @@ def _run_catalogue(options: Options) -> Output:
     bad = [row for row in rows if not row['ok']]
     if options.csv and rows:
         origin = Provenance.of(options.command_line, robot)
-        write_table(options.csv, list(rows[0]), (list(row.values()) for row in rows), origin)
+        write_table(Path(options.csv), list(rows[0]), (list(row.values()) for row in rows), origin)
     message, status = '', int(bool(bad))
     if ended:
         message = f'error: {ended}: the table is incomplete'

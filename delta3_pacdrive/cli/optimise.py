@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, option
-from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many
 from delta3_pacdrive.cli.output import Output
+from delta3_pacdrive.cli.studies import run_study
+from delta3_pacdrive.cli.sweep import ManyRunsOptions, run_settings
 
 
 @dataclass
@@ -20,7 +23,9 @@ def run(options: Options) -> Output:
     """Run the command; return its result."""
     from delta3_pacdrive.studies.fleet.optimisation import report, run
 
-    return run_many(options, run.Study, report.text)
+    folder = Path(options.output).absolute()
+    make = partial(run.Study, run_settings(options), folder, options.command_line)
+    return run_study(options, make, report.text, folder)
 
 
 main = Command(

@@ -79,20 +79,25 @@ def signal_names(text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def csv_file(text: str) -> Path:
-    """Read the name of a CSV file to write."""
-    if Path(text).suffix.lower() != '.csv':
-        raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a table must end in .csv')
-    return Path(text)
+def file_ending(*suffixes: str, of: str = '', alias: str = '') -> Callable[[str], str]:
+    """Return the option type of files to write whose names end in one of some suffixes.
+
+    ``of`` describes the file in the message, ``alias`` is another accepted suffix.
+    """
+
+    def file(text: str) -> str:
+        if Path(text).suffix.lower() not in (*suffixes, *filter(None, [alias])):
+            ends = ' or '.join(suffixes)
+            raise argparse.ArgumentTypeError(
+                f'cannot write {text}: the name{of and f" of {of}"} must end in {ends}'
+            )
+        return text
+
+    return file
 
 
-def program_file(text: str) -> str:
-    """Read the name of a program file to write."""
-    if Path(text).suffix.lower() not in ('.yaml', '.yml'):
-        raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a program must end in .yaml')
-    return text
-
-
+CSV = file_ending('.csv', of='a table')
+PROGRAM = file_ending('.yaml', of='a program', alias='.yml')
 STATEMENT = integer_within(0, 19_999)
 SEED = integer_within(0, 2**31 - 1)
 TIME = number_within(-1e9, 1e9, 's')

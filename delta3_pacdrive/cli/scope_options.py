@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Options, option
 from delta3_pacdrive.cli.command import flag as flag_option
-from delta3_pacdrive.cli.option_types import finite_number, integer_within, non_empty, number_within
+from delta3_pacdrive.cli.option_types import (
+    file_ending,
+    finite_number,
+    integer_within,
+    non_empty,
+    number_within,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,12 +35,6 @@ def record_file(text: str) -> str:
 
     if refusal := suffix_refusal(non_empty(text)):
         raise argparse.ArgumentTypeError(f'cannot write {text}: {refusal}')
-    return text
-
-
-def _figure_file(text: str) -> str:
-    if Path(text).suffix.lower() != '.png':
-        raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a figure must end in .png')
     return text
 
 
@@ -79,7 +79,9 @@ class ScopeOptions(Options):
         default='single',
     )
     records: int | None = option('number of records in mode normal', 'N', type=integer_within(1, 10_000))
-    plot: str | None = option('plot the record to this .png file', 'FILE', type=_figure_file)
+    plot: str | None = option(
+        'plot the record to this .png file', 'FILE', type=file_ending('.png', of='a figure')
+    )
     overwrite: bool = flag_option('replace existing records')
 
     def check(self) -> str:

@@ -3,13 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, flag, option
-from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many, run_settings
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import Output
+from delta3_pacdrive.cli.studies import run_study
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.studies.fleet.sweep.study import Settings
+
+
+@dataclass
+class ManyRunsOptions(JsonOptions):
+    """Options of a command with many runs."""
+
+    specification: str = argument('specification of the varied values, YAML or Python')
+    workers: int = option(
+        'number of worker processes (default: one per core)',
+        'N',
+        default=0,
+        type=integer_within(1, 1024),
+    )
+    scheduler: str | None = option(
+        'address of a dask cluster to use instead of local processes', 'tcp://HOST:PORT'
+    )
+
+    parameters = None  # given in the specification
+
+
+def run_settings(options: Any) -> Settings:
+    """Return the settings of the study; raises SweepError if both workers and scheduler are given."""
+    from delta3_pacdrive.errors import SweepError
+    from delta3_pacdrive.studies.fleet.sweep.study import Settings
+
+    if options.workers and options.scheduler:
+        raise SweepError('--workers (local processes) and --scheduler (cluster) exclude each other')
+    specification, scheduler = Path(options.specification), options.scheduler or ''
+    return settings_of(Settings, options, specification=specification, scheduler=scheduler)
 
 
 @dataclass
@@ -34,13 +67,14 @@ def run(options: Options) -> Output:
         raise SweepError('--run and --trace must be given together')
     if options.run is not None and (options.dry_run or options.workers or options.scheduler):
         raise SweepError('--run can be combined with --trace only')
-    if options.run is None and not options.dry_run:
-        return run_many(options, run.Study, report.text)
     settings, folder = run_settings(options), Path(options.output).absolute()
+    make = partial(run.Study, settings, folder, options.command_line)
+    if options.run is None and not options.dry_run:
+        return run_study(options, make, report.text, folder)
     if options.trace is not None:
         trace_file.require_writable_trace(options.trace)
     announce_compilation()
-    study = run.Study(settings, folder, options.command_line, silent)
+    study = make(silent)
     if options.run is None or options.trace is None:
         result = study.dry_run()
         return Output(result, _dry_run_text(result))

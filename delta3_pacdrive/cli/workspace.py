@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, option
-from delta3_pacdrive.cli.option_types import finite_number, number_within
+from delta3_pacdrive.cli.option_types import file_ending, finite_number, number_within
 from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.studies import written
 
@@ -27,12 +27,6 @@ def _plane(text: str) -> tuple[int, float]:
     if axis not in ('x', 'y', 'z') or not equals or not abs(place) <= REACH_M:
         raise argparse.ArgumentTypeError(f'{text!r} is not a plane, expected for example z=-0.8 (m)')
     return 'xyz'.index(axis), place
-
-
-def _volume_file(text: str) -> str:
-    if Path(text).suffix.lower() not in ('.npz', '.csv'):
-        raise argparse.ArgumentTypeError(f'cannot write {text}: the name must end in .npz or .csv')
-    return text
 
 
 @dataclass
@@ -62,7 +56,9 @@ class Options(JsonOptions):
     )
     parameters: str | None = option(PARAMETERS, 'FILE')
     output: str | None = option('folder for maps and tables', 'FOLDER')
-    volume: str | None = option('write the volume to this .npz or .csv file', 'FILE', type=_volume_file)
+    volume: str | None = option(
+        'write the volume to this .npz or .csv file', 'FILE', type=file_ending('.npz', '.csv')
+    )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""

@@ -39,5 +39,5 @@ def test_nodes_that_cannot_run_are_one_sentence_and_leave_no_bag(tmp_path: Path)
     program.write_text('moves: [{move_l: {to_m: [3.0, 0.0, -0.8]}}]')
     robots = {'model': parameters.config_directory() / parameters.DEFAULT_FILE}
     with pytest.raises(RunError, match=r'^nodes of the model: .*move_l'):
-        experiment_graph.record(program, robots, tmp_path, 0.0, lambda *_: None)
+        experiment_graph.Graph(tmp_path, 0.0)(program, robots, {}, lambda *_: None)
     assert {path.name for path in tmp_path.iterdir()} == {'far.yaml'}
