@@ -1,5 +1,6 @@
 """Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, rules between values, and parameter files."""
 
+from delta3_pacdrive.numerics.units import ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.parameters.file import (
     DEFAULT_FILE,
     MODEL_CONTROLLER,
@@ -48,7 +49,7 @@ from delta3_pacdrive.parameters.robot import (
     groups,
     is_rich,
 )
-from delta3_pacdrive.parameters.rotary import ROTARY_AXES_MAX, Rotary, numbered
+from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rotary_axis import rotary_axis_parameters
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
 

@@ -6,15 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.configuration.fields import quantity
+from delta3_pacdrive.numerics.units import ROTARY_AXES_MAX, numbered
 
-ROTARY_AXES_MAX = 2
 SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns
-
-
-def numbered(name: str, number: int) -> str:
-    """Return the name of a value of rotary axis ``number``, from 0: ``name``, ``name_2``."""
-    return f'{name}_{number + 1}' if number else name
 
 
 GROUPS = tuple(numbered('rotary', number) for number in range(ROTARY_AXES_MAX))
