@@ -6,7 +6,6 @@ Subscriptions are polled when a picture is due; of belts and inputs only the new
 import json
 import time
 from contextlib import suppress
-from typing import Any
 
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.serialization import deserialize_message
@@ -18,7 +17,7 @@ from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.ros.task.belt_receiver import COUNT_MAX
 from delta3_pacdrive.ros.wire import interfaces
-from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
+from delta3_pacdrive.ros.wire.polling import PollingNode, Taken, newest
 from delta3_pacdrive.ros.wire.qos import NEWEST
 from delta3_pacdrive.view.cell_state import CellNow
 from delta3_pacdrive.view.values import CellInstant, InputFacts, Point
@@ -63,14 +62,16 @@ class CellReader:
             if (taken := self._parts()) is None:
                 break
             self.now.take_parts(_text(taken[0]), _sent_ns(taken))
-        if (belts := _newest(self._belts)) is not None and _fits(belts, CELL_BELTS, COUNT_MAX):
+        if (belts := newest(self._belts, _joint_state, None)) is not None and _fits(
+            belts, CELL_BELTS, COUNT_MAX
+        ):
             stamp = belts.header.stamp
             counts = dict(zip(belts.name, belts.position, strict=True))
             self.now.take_counts(stamp.sec + stamp.nanosec / NANOSECONDS, counts)
 
     def update_inputs(self) -> None:
         """Read the inputs; once a second check for a publisher and query the forced inputs."""
-        values = _newest(self._values)
+        values = newest(self._values, _joint_state, None)
         if values is not None and _fits(values, CELL_INPUTS, 1.0):
             self._inputs = {
                 name: value > 0.0 for name, value in zip(values.name, values.position, strict=True)
@@ -117,17 +118,8 @@ def _text(data: bytes) -> str:
         return ''
 
 
-def _newest(take: Any) -> JointState | None:
-    """Return the newest received message, None if there is none or it is invalid."""
-    newest = None
-    while (taken := take()) is not None:
-        newest = taken[0]
-    if newest is None:
-        return None
-    try:
-        return deserialize_message(newest, JointState)
-    except (RuntimeError, ValueError):
-        return None
+def _joint_state(data: bytes) -> JointState | None:
+    return deserialize_message(data, JointState)
 
 
 def _fits(message: JointState, names_max: int, value_max: float) -> bool:

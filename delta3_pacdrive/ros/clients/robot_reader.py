@@ -33,7 +33,7 @@ from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.wire import cdr, interfaces
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 from delta3_pacdrive.ros.wire.numbers import row_of
-from delta3_pacdrive.ros.wire.polling import Taken
+from delta3_pacdrive.ros.wire.polling import newest
 from delta3_pacdrive.ros.wire.qos import NEWEST
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, TurnInstant, tool_angle_rad
 
@@ -77,17 +77,15 @@ class RobotReader:
 
     def instant(self) -> Instant | None:
         """Return the state of the newest joint states, None without new ones."""
-        found = None
-        self._lag = _newest(self._lags, self._lag_codec, self._lag)
-        self._error = _newest(self._errors, self._error_codec, self._error)
+        self._lag = newest(self._lags, _numbers(self._lag_codec), self._lag)
+        self._error = newest(self._errors, _numbers(self._error_codec), self._error)
         self._tool = [
-            _newest(take, self._turn_codec, known)
+            newest(take, _numbers(self._turn_codec), known)
             for take, known in zip(self._turns, self._tool, strict=True)
         ]
         self.cell.read()
-        while (taken := self._joints()) is not None:
-            with suppress(TelegramError):  # joints of another robot on the same topic
-                found = self._joint_reader.read(taken[0])
+        # joints of another robot may be on the same topic
+        found = newest(self._joints, self._joint_reader.read, None)
         if found is None:
             return None
         theta, speed, effort = map(np.array, (found.angles, found.speeds, found.torques))
@@ -186,12 +184,9 @@ class RobotReader:
         return found.checksum != before.checksum
 
 
-def _newest(take: Callable[[], Taken | None], codec: TelegramCodec, before: Floats) -> Floats:
-    """Return the three numbers of the newest valid message, or ``before``."""
-    while (taken := take()) is not None:
-        with suppress(TelegramError):
-            before = np.array(codec.decode(taken[0])[3])
-    return before
+def _numbers(codec: TelegramCodec) -> Callable[[bytes], Floats]:
+    """Return a function that reads the three numbers of a telegram."""
+    return lambda data: np.array(codec.decode(data)[3])
 
 
 def _payload(reported_kg: float) -> float:
