@@ -2,14 +2,15 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import Field, asdict, dataclass, field, fields
-from types import EllipsisType
-from typing import Any, ClassVar, Self, get_args, get_type_hints
+from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from delta3_pacdrive.errors import TelegramError, shown
 
 COUNT_MAX = 2**53  # larger numbers are not exact in JSON
+NO_LIMITS = -math.inf, COUNT_MAX
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,12 @@ class JsonMessage:
     """A message written as a JSON object with a key for each field.
 
     A field whose default is None is omitted if it is None, unless it is ``nullable``. All other keys are required, also
-    those with a default. Numbers are finite and smaller than ``number_max``; a tuple is a list.
+    those with a default. Numbers are finite, at least ``number_min``, and their magnitude is below ``number_max``. A
+    tuple is a list, another message an object.
     """
 
+    title: ClassVar[str] = ''  # in error messages; '': the name of the class
+    number_min: ClassVar[float] = -math.inf
     number_max: ClassVar[float] = COUNT_MAX
     further: ClassVar[str] = ''  # field of type dict for all other keys; '': there are none
 
@@ -43,23 +47,23 @@ class JsonMessage:
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
-            raise TelegramError(f'{shown(text)} is not a valid {cls.__name__.lower()}') from None
+            raise TelegramError(f'{shown(text)} is not {_title(cls)}') from None
         return cls.from_fields(values)
 
     @classmethod
     def from_fields(cls, values: object) -> Self:
         """Build the message from values by key, as parsed from JSON; raises TelegramError."""
         given: Mapping[str, Any] = values if isinstance(values, Mapping) else {}
-        known, kind = _known(cls), cls.__name__.lower()
+        known, kind = _known(cls), _title(cls)
         needed = [name for name, own in known.items() if own.default is not None or _null(own)]
         if not given.keys() >= set(needed) or (given.keys() - known.keys() and not cls.further):
-            raise TelegramError(f'a {kind} must have the keys {", ".join(needed)}')
+            raise TelegramError(f'{kind} must have the keys {", ".join(needed)}')
         kinds, found = get_type_hints(cls), dict[str, Any]()
         for name, own in known.items():
-            if name in given and not (given[name] is None and _null(own)):
-                require(given[name], kinds[name], f'{name} of a {kind}', cls.number_max, _nan(own))
             if name in given:
-                found[name] = tuple(given[name]) if isinstance(given[name], list) else given[name]
+                what, limits = f'{name} of {kind}', (cls.number_min, cls.number_max)
+                is_null = given[name] is None and _null(own)
+                found[name] = None if is_null else checked(given[name], kinds[name], what, limits, _nan(own))
         if cls.further:
             found[cls.further] = {name: value for name, value in given.items() if name not in known}
         return cls(**found)
@@ -83,22 +87,32 @@ def _known(cls: type[JsonMessage]) -> dict[str, Field[Any]]:
     return {own.name: own for own in fields(cls) if own.name != cls.further}
 
 
-def require(value: Any, kind: Any, what: str, number_max: float = COUNT_MAX, nan: bool = False) -> None:
-    """Raise TelegramError if a value does not have the type of its field."""
+def _title(cls: type[JsonMessage]) -> str:
+    return cls.title or 'a ' + re.sub('(?<!^)(?=[A-Z])', ' ', cls.__name__).lower()
+
+
+def checked(
+    value: Any, kind: Any, what: str, limits: tuple[float, float] = NO_LIMITS, nan: bool = False
+) -> Any:
+    """Return the value of a field from its JSON; raises TelegramError if it does not have the type of the field."""
     if type(None) in get_args(kind):
         (kind,) = set(get_args(kind)) - {type(None)}
-    if members := get_args(kind):
-        any_number = isinstance(members[-1], EllipsisType)
+    if isinstance(kind, type) and issubclass(kind, JsonMessage):
+        return kind.from_fields(value)
+    if get_origin(kind) is tuple:
+        members = get_args(kind)
+        any_number = members[-1] is Ellipsis
         if not isinstance(value, list) or not (any_number or len(value) == len(members)):
-            count = '' if any_number else f'{len(members)} '
-            items = 'texts' if members[0] is str else 'numbers'
-            raise TelegramError(f'{what} must be a list of {count}{items}, not {shown(value)}')
-        for one in value:
-            require(one, members[0], what, number_max, nan)
-        return
+            count = 'texts' if any_number else f'{len(members)} numbers'
+            raise TelegramError(f'{what} must be a list of {count}, not {shown(value)}')
+        return tuple(checked(one, members[0], what, limits, nan) for one in value)
+    kind = get_origin(kind) or kind
     accepted = (int, float) if kind is float else str if issubclass(kind, str) else kind
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise TelegramError(f'{what} is {shown(value)}, but must be of type {kind.__name__}')
     is_nan = isinstance(value, float) and math.isnan(value)
-    if isinstance(value, (int, float)) and not (abs(value) < number_max or (nan and is_nan)):
+    if isinstance(value, (int, float)) and not (abs(value) < limits[1] or (nan and is_nan)):
         raise TelegramError(f'{what} is {shown(value)}, which is out of range')
+    if isinstance(value, (int, float)) and value < limits[0]:
+        raise TelegramError(f'{what} is {shown(value)}, but must be at least {limits[0]:g}')
+    return value

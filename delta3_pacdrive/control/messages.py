@@ -8,7 +8,7 @@ import json
 from dataclasses import dataclass
 from typing import Self, TypeVar
 
-from delta3_pacdrive.configuration.json_message import JsonMessage, require
+from delta3_pacdrive.configuration.json_message import JsonMessage, checked
 from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.planning.program.adaptation import Adaptation
 
@@ -163,8 +163,8 @@ def refuse_malformed(text: str, sentence: str) -> Reply | None:
     try:
         values = json.loads(text)
         operator, number = values['operator'], values['number']
-        require(operator, str, 'operator')
-        require(number, int, 'number')
+        checked(operator, str, 'operator')
+        checked(number, int, 'number')
     except (ValueError, RecursionError, TypeError, KeyError, TelegramError):
         return None
     return _rejection(operator, number, Code.CONTENT, sentence) if len(operator) <= TEXT_MAX else None

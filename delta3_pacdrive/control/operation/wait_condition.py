@@ -10,7 +10,6 @@ from typing import ClassVar, Self
 from delta3_pacdrive.belts.knowledge import Tracked
 from delta3_pacdrive.configuration.json_message import JsonMessage, nullable
 from delta3_pacdrive.control.cycle.transformation import Transformation
-from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 
 
@@ -41,6 +40,7 @@ class Commanded:
 class WaitCondition(JsonMessage):
     """Condition that a script waits for."""
 
+    number_min: ClassVar[float] = -1
     number_max: ClassVar[float] = NEVER
 
     first: int  # first bus cycle that is evaluated
@@ -50,15 +50,6 @@ class WaitCondition(JsonMessage):
     inputs_on: int = 0  # inputs that must be on, as bits
     inputs_off: int = 0
     in_position_cycles: int = 1  # required cycles within the position windows
-
-    @classmethod
-    def from_fields(cls, values: object) -> Self:
-        """Build the condition from values by key; raises TelegramError."""
-        condition = super().from_fields(values)
-        least = min(value for value in vars(condition).values() if value is not None)
-        if least < -1:
-            raise TelegramError(f'a number of a condition is {least}, but must be at least -1')
-        return condition
 
     def met(self, cycle: int, commanded: Commanded, loaded: bool, within: int, inputs: int) -> bool:
         """Return whether the feedback of a bus cycle meets the condition.

@@ -4,13 +4,14 @@ Pure: arm positions arrive bus cycle by bus cycle, a violation is returned as a 
 """
 
 import math
+import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from delta3_pacdrive.configuration.json_message import JsonMessage
-from delta3_pacdrive.errors import Code, ProgramError, Reason, TelegramError, shown
+from delta3_pacdrive.errors import Code, ProgramError, Reason
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MasterState, Timeline
@@ -26,6 +27,10 @@ ERASED = -1.0  # value of a goal that disables a tolerance
 class Tolerances(JsonMessage):
     """Tolerances of each arm; 0 disables a tolerance."""
 
+    title: ClassVar[str] = 'the tolerances'
+    number_min: ClassVar[float] = 0.0
+    number_max: ClassVar[float] = sys.float_info.max
+
     path_rad: tuple[float, float, float] = NONE
     goal_rad: tuple[float, float, float] = NONE
     goal_time_s: float = 0.0  # from the last point to rest at the goal, 0: no limit
@@ -35,20 +40,6 @@ class Tolerances(JsonMessage):
     def any(self) -> bool:
         """Whether a violation is possible."""
         return any(self.path_rad) or (any(self.goal_rad) and self.goal_time_s > 0.0)
-
-    @staticmethod
-    def of(values: Any) -> 'Tolerances':
-        """Parse the output of ``to_fields``; raises ProgramError."""
-        try:
-            found = Tolerances.from_fields(values)
-        except TelegramError as error:
-            raise ProgramError(str(error)) from None
-        for name, value in vars(found).items():
-            if np.min(value) < 0.0:
-                raise ProgramError(
-                    f'{name} of the tolerances is {shown(value)}, but must be a number from 0 on'
-                )
-        return found
 
 
 def overridden(default: float, asked: float, what: str) -> float:

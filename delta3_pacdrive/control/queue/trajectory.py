@@ -7,11 +7,12 @@ reached in time are dropped, the others keep their times.
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
+from delta3_pacdrive.configuration.json_message import JsonMessage
 from delta3_pacdrive.control.actions import Arrival, PlannerAction, Replied, Revoked, Settled
 from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.motion_state import MotionState
@@ -30,40 +31,15 @@ ROUNDING = 1e-6  # tolerance, in bus cycles
 
 
 @dataclass(frozen=True)
-class TrajectoryRequest:
+class TrajectoryRequest(JsonMessage):
     """A requested trajectory."""
+
+    title: ClassVar[str] = 'a trajectory'
+    number_min: ClassVar[float] = 0.0
 
     stamp_s: float  # bus time of the start, 0: now
     points: list[Any]  # as in a program; empty: stop
     tolerances: Tolerances | None = None  # None: default
-
-    def to_json(self) -> str:
-        """Return the request as JSON."""
-        values: dict[str, Any] = {'stamp_s': self.stamp_s, 'points': self.points}
-        if self.tolerances is not None:
-            values['tolerances'] = self.tolerances.to_fields()
-        return json.dumps(values)
-
-    @staticmethod
-    def from_json(text: str) -> 'TrajectoryRequest':
-        """Parse the output of ``to_json``; raises ProgramError."""
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError):
-            raise ProgramError(f'{shown(text)} is not a trajectory') from None
-        if not isinstance(values, dict) or values.keys() - {'tolerances'} != {'stamp_s', 'points'}:
-            raise ProgramError('a trajectory must have the keys stamp_s and points, and may have tolerances')
-        stamp, points = values['stamp_s'], values['points']
-        if isinstance(stamp, bool) or not isinstance(stamp, int | float) or not 0.0 <= stamp < math.inf:
-            raise ProgramError(f'stamp_s is {shown(stamp)}, but must be a bus time from 0 s on')
-        if not isinstance(points, list):
-            raise ProgramError(f'points is {shown(points)}, but must be a list')
-        found = TrajectoryRequest(float(stamp), points)
-        return (
-            replace(found, tolerances=Tolerances.of(values['tolerances']))
-            if 'tolerances' in values
-            else found
-        )
 
     def due(self, newest_cycle: int, cycle_time_s: float) -> tuple[int, str]:
         """Return the bus cycle of the start, and the program.

@@ -15,7 +15,7 @@ from delta3_pacdrive.control.actions import (
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.paths.path import sample_path
@@ -212,19 +212,19 @@ def test_tolerances_go_into_a_request_and_come_out_of_it():
 @pytest.mark.parametrize(
     ('changed', 'reason'),
     [
-        ({'path_rad': [0.1, 0.1]}, 'path_rad of a tolerances must be a list of 3 numbers'),
+        ({'path_rad': [0.1, 0.1]}, 'path_rad of the tolerances must be a list of 3 numbers'),
         (
             {'goal_rad': [0.1, 0.1, -1.0]},
-            'goal_rad of the tolerances is .*, but must be a number from 0 on',
+            'goal_rad of the tolerances is -1.0, but must be at least 0',
         ),
-        ({'goal_time_s': True}, 'goal_time_s of a tolerances is True'),
-        ({'stopped_rad_s': float('inf')}, 'stopped_rad_s of a tolerances is inf'),
+        ({'goal_time_s': True}, 'goal_time_s of the tolerances is True'),
+        ({'stopped_rad_s': float('inf')}, 'stopped_rad_s of the tolerances is inf'),
         ({'more': 1}, 'tolerances must have the keys'),
     ],
 )
 def test_tolerances_that_are_none_are_refused(changed, reason):
-    with pytest.raises(ProgramError, match=reason):
-        Tolerances.of(TIGHT.to_fields() | changed)
+    with pytest.raises(TelegramError, match=reason):
+        Tolerances.from_fields(TIGHT.to_fields() | changed)
 
 
 class Robot:

@@ -10,7 +10,7 @@ from delta3_pacdrive.control.messages import EXACT, ORDER
 from delta3_pacdrive.control.queue.planner import VERDICT_S
 from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.control.queue.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
-from delta3_pacdrive.errors import Code, ProgramError
+from delta3_pacdrive.errors import Code, ProgramError, TelegramError
 from delta3_pacdrive.planning.paths.move import MoveKind
 from planner_client import LINE, Client
 
@@ -82,20 +82,20 @@ def test_a_stamp_of_a_wall_clock_is_refused():
     ('text', 'reason'),
     [
         ('no json', 'is not a trajectory'),
-        ('[]', 'must have the keys stamp_s and points'),
+        ('[]', 'must have the keys stamp_s, points'),
         (
             '{"stamp_s": 0, "points": [], "tolerances": 1}',
             'tolerances must have the keys path_rad, goal_rad, ',
         ),
-        ('{"stamp_s": 0}', 'must have the keys stamp_s and points'),
-        ('{"stamp_s": -1, "points": []}', 'stamp_s is -1, but must be a bus time from 0 s on'),
-        ('{"stamp_s": NaN, "points": []}', 'stamp_s is '),
-        ('{"stamp_s": true, "points": []}', 'stamp_s is '),
-        ('{"stamp_s": 0, "points": {}}', 'points is '),
+        ('{"stamp_s": 0}', 'must have the keys stamp_s, points'),
+        ('{"stamp_s": -1, "points": []}', 'stamp_s of a trajectory is -1, but must be at least 0'),
+        ('{"stamp_s": NaN, "points": []}', 'stamp_s of a trajectory is '),
+        ('{"stamp_s": true, "points": []}', 'stamp_s of a trajectory is '),
+        ('{"stamp_s": 0, "points": {}}', 'points of a trajectory is '),
     ],
 )
 def test_what_is_no_trajectory_is_refused(text, reason):
-    with pytest.raises(ProgramError, match=reason):
+    with pytest.raises(TelegramError, match=reason):
         TrajectoryRequest.from_json(text)
 
 
