@@ -1,6 +1,6 @@
 """Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, rules between values, and parameter files."""
 
-from delta3_pacdrive.numerics.units import ROTARY_AXES_MAX, numbered
+from delta3_pacdrive.axes import ARMS, AXES_MAX, ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.parameters.file import (
     DEFAULT_FILE,
     MODEL_CONTROLLER,
@@ -39,8 +39,6 @@ from delta3_pacdrive.parameters.records import (
     Rich,
 )
 from delta3_pacdrive.parameters.robot import (
-    ARMS,
-    AXES_MAX,
     PLANTS,
     Parameters,
     flat_document,

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from delta3_pacdrive.axes import ARMS
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.strict_reader import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
@@ -30,8 +31,6 @@ from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
-ARMS = 3
-AXES_MAX = ARMS + len(ROTARY_GROUPS)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from delta3_pacdrive.axes import ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.configuration.fields import quantity
-from delta3_pacdrive.numerics.units import ROTARY_AXES_MAX, numbered
 
 SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns
-
 
 GROUPS = tuple(numbered('rotary', number) for number in range(ROTARY_AXES_MAX))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from delta3_pacdrive.numerics.units import ROTARY_AXES_MAX, numbered
+from delta3_pacdrive.axes import ROTARY_AXES_MAX, numbered
 
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
