@@ -29,7 +29,7 @@ from delta3_pacdrive.errors import ParameterError
         ),
         (
             {'static_friction_n_m': 4.0},
-            'rotary.static_friction_n_m is 4, which its motor cannot overcome: it has 3.9 N m at its peak current',
+            'rotary.static_friction_n_m is 4, but its motor has only 3.9 N m at its peak current',
         ),
     ],
 )

@@ -1,17 +1,29 @@
 """The optional rotary axes of the tool: motor, gear, bar, limits, and parameters of their drives."""
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.axes import ROTARY_AXES_MAX, numbered
-from delta3_pacdrive.configuration.fields import quantity
+from delta3_pacdrive.configuration.fields import positive, quantity
+from delta3_pacdrive.parameters.records import Drive, Motor
 
-SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns
-
+WITH_BAR = ', gear and bar included'
 GROUPS = tuple(numbered('rotary', number) for number in range(ROTARY_AXES_MAX))
+
+
+def _own(group: type[Motor] | type[Drive], name: str, default: float, more: str = '') -> Any:
+    """Declare a value that the arms have, too, with the same range and description."""
+    about = {f.name: f for f in dataclasses.fields(group)}[name].metadata
+    description = about['description'] + more
+    return quantity(description, about['low'], about['high'], default=default)
+
+
+def _angle(description: str, default_deg: float) -> Any:
+    return quantity(description, -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=default_deg)
 
 
 @dataclass(frozen=True)
@@ -23,26 +35,21 @@ class Rotary:
     """
 
     present: bool = quantity('whether the robot has this rotary axis', False, True, default=False)
-    peak_current_a: float = quantity('i_peak of its motor', SMALLEST, 1e3, default=6.5)
-    nominal_current_a: float = quantity('i_nom', SMALLEST, 1e3, default=1.6)
-    max_speed_rpm: float = quantity('RPM_max', SMALLEST, 1e5, default=6000.0)
-    torque_constant_n_m_a: float = quantity('K_m', SMALLEST, 1e2, default=0.6)
-    rotor_inertia_kg_m2: float = quantity('I_m, with the brake', SMALLEST, 1.0, default=0.33e-4)
-    winding_resistance_ohm: float = quantity('R, phase to phase', SMALLEST, 1e3, default=9.0)
-    winding_inductance_h: float = quantity('L, phase to phase', SMALLEST, 10.0, default=20.0e-3)
-    pole_pairs: int = quantity('z_p', 1, 100, default=3)
-    viscous_friction_n_m_s_rad: float = quantity(
-        'F_v at the motor, gear and bar included', 0.0, 1.0, default=1.0e-4
-    )
-    static_friction_n_m: float = quantity('F_s at the motor, gear and bar included', 0.0, 1e2, default=0.03)
-    brake_torque_n_m: float = quantity('torque of its holding brake', 0.0, 1e3, default=1.5)
+    peak_current_a: float = _own(Motor, 'peak_current_a', 6.5)
+    nominal_current_a: float = _own(Motor, 'nominal_current_a', 1.6)
+    max_speed_rpm: float = _own(Motor, 'max_speed_rpm', 6000.0)
+    torque_constant_n_m_a: float = _own(Motor, 'torque_constant_n_m_a', 0.6)
+    rotor_inertia_kg_m2: float = _own(Motor, 'rotor_inertia_kg_m2', 0.33e-4, ', with the brake')
+    winding_resistance_ohm: float = _own(Motor, 'winding_resistance_ohm', 9.0)
+    winding_inductance_h: float = _own(Motor, 'winding_inductance_h', 20.0e-3)
+    pole_pairs: int = _own(Motor, 'pole_pairs', 3)
+    viscous_friction_n_m_s_rad: float = _own(Motor, 'viscous_friction_n_m_s_rad', 1.0e-4, WITH_BAR)
+    static_friction_n_m: float = _own(Motor, 'static_friction_n_m', 0.03, WITH_BAR)
+    brake_torque_n_m: float = _own(Motor, 'brake_torque_n_m', 1.5)
     gear_ratio: float = quantity('motor revolutions per tool revolution', 1e-3, 1e4, default=10.0)
-    tool_inertia_kg_m2: float = quantity('inertia of bar and tool about z', SMALLEST, 1e2, default=4.0e-3)
+    tool_inertia_kg_m2: float = positive('inertia of bar and tool about z', 1e2, default=4.0e-3)
     part_gyration_radius_m: float = quantity(
-        'radius of gyration of a payload about z',
-        0.0,
-        1.0,
-        default=0.05,
+        'radius of gyration of a payload about z', 0.0, 1.0, default=0.05
     )
     backlash_deg: float = quantity(
         'backlash between motor and tool, of a robot with rich.gear', 0.0, 10.0, default=0.03
@@ -51,24 +58,19 @@ class Rotary:
         'torsional stiffness of the bar, of a robot with rich.gear', 1.0, 1e7, default=600.0
     )
     bar_damping_n_m_s_rad: float = quantity('torsional damping of the bar', 0.0, 1e4, default=0.3)
-    home_deg: float = quantity('initial tool angle of the plant', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=0.0)
-    angle_min_deg: float = quantity(
-        'smallest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=-360.0
-    )
-    angle_max_deg: float = quantity('largest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=360.0)
-    speed_max_deg_s: float = quantity('largest speed of the tool', SMALLEST, 1e5, default=2400.0)
-    acceleration_max_deg_s2: float = quantity(
-        'largest acceleration of the tool', SMALLEST, 1e7, default=80_000.0
-    )
-    jerk_max_deg_s3: float = quantity('largest jerk of the tool', SMALLEST, 1e10, default=1.2e7)
-    position_gain_rad_s_rad: float = quantity('K_Ppos of its drive', 0.0, 1666.0, default=100.0)
-    velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0, default=0.12)
-    velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5, default=9.0)
-    current_gain_v_a: float = quantity('K_Pcurr, per phase', 0.0, 1e3, default=46.0)
-    current_integral_gain_v_a_s: float = quantity('K_Icurr, per phase', 0.0, 1e7, default=23_000.0)
-    following_error_limit_deg: float = quantity(
+    home_deg: float = _angle('initial tool angle of the plant', 0.0)
+    angle_min_deg: float = _angle('smallest angle of the tool', -360.0)
+    angle_max_deg: float = _angle('largest angle of the tool', 360.0)
+    speed_max_deg_s: float = positive('largest speed of the tool', 1e5, default=2400.0)
+    acceleration_max_deg_s2: float = positive('largest acceleration of the tool', 1e7, default=80_000.0)
+    jerk_max_deg_s3: float = positive('largest jerk of the tool', 1e10, default=1.2e7)
+    position_gain_rad_s_rad: float = _own(Drive, 'position_gain_rad_s_rad', 100.0, ' of its drive')
+    velocity_gain_a_s_rad: float = _own(Drive, 'velocity_gain_a_s_rad', 0.12)
+    velocity_integral_gain_a_rad: float = _own(Drive, 'velocity_integral_gain_a_rad', 9.0)
+    current_gain_v_a: float = _own(Drive, 'current_gain_v_a', 46.0)
+    current_integral_gain_v_a_s: float = _own(Drive, 'current_integral_gain_v_a_s', 23_000.0)
+    following_error_limit_deg: float = positive(
         'following error of warning 8132 at the tool; eight times as much trips the drive (8111)',
-        SMALLEST,
         3600.0,
         default=2.0,
     )
@@ -116,37 +118,23 @@ def broken_rotary(rotary: Rotary, rotary_2: Rotary) -> Iterator[tuple[str, str]]
         )
     for group, axis in zip(GROUPS, (rotary, rotary_2), strict=True):
         if axis.present:
-            yield from _broken_axis(group, axis)
+            for name, rule in _broken_axis(group, axis):
+                yield violation(f'{group}.{name}', f'{getattr(axis, name):g}', rule)
 
 
-def _broken_axis(group: str, rotary: Rotary) -> Iterator[tuple[str, str]]:
-    low, high = rotary.angle_min_deg, rotary.angle_max_deg
+def _broken_axis(group: str, axis: Rotary) -> Iterator[tuple[str, str]]:
+    """Yield the name of each value that violates a rule, and the rule."""
+    low, high = axis.angle_min_deg, axis.angle_max_deg
     if low >= high:
-        yield violation(
-            f'{group}.angle_min_deg', f'{low:g}', f'must be less than {group}.angle_max_deg ({high:g})'
-        )
-    if not low <= rotary.home_deg <= high:
-        yield violation(
-            f'{group}.home_deg',
-            f'{rotary.home_deg:g}',
-            f'must lie between {group}.angle_min_deg ({low:g}) and {group}.angle_max_deg ({high:g})',
-        )
-    fastest = math.degrees(rotary.max_speed_rad_s / rotary.gear_ratio)
-    if rotary.speed_max_deg_s > fastest:
-        yield violation(
-            f'{group}.speed_max_deg_s',
-            f'{rotary.speed_max_deg_s:g}',
-            f'its motor permits {fastest:g} deg/s at most ({group}.max_speed_rpm over {group}.gear_ratio)',
-        )
-    if rotary.nominal_current_a > rotary.peak_current_a:
-        yield violation(
-            f'{group}.nominal_current_a',
-            f'{rotary.nominal_current_a:g}',
-            f'must not exceed {group}.peak_current_a ({rotary.peak_current_a:g})',
-        )
-    if rotary.static_friction_n_m >= rotary.peak_current_a * rotary.torque_constant_n_m_a:
-        yield (
-            f'{group}.static_friction_n_m',
-            f'{group}.static_friction_n_m is {rotary.static_friction_n_m:g}, which its motor cannot overcome: it has '
-            f'{rotary.peak_current_a * rotary.torque_constant_n_m_a:g} N m at its peak current',
-        )
+        yield 'angle_min_deg', f'must be less than {group}.angle_max_deg ({high:g})'
+    if not low <= axis.home_deg <= high:
+        limits = f'{group}.angle_min_deg ({low:g}) and {group}.angle_max_deg ({high:g})'
+        yield 'home_deg', f'must lie between {limits}'
+    fastest, by = math.degrees(axis.max_speed_rad_s / axis.gear_ratio), f'{group}.max_speed_rpm over'
+    if axis.speed_max_deg_s > fastest:
+        yield 'speed_max_deg_s', f'its motor permits {fastest:g} deg/s at most ({by} {group}.gear_ratio)'
+    if axis.nominal_current_a > axis.peak_current_a:
+        yield 'nominal_current_a', f'must not exceed {group}.peak_current_a ({axis.peak_current_a:g})'
+    strongest = axis.peak_current_a * axis.torque_constant_n_m_a
+    if axis.static_friction_n_m >= strongest:
+        yield 'static_friction_n_m', f'its motor has only {strongest:g} N m at its peak current'

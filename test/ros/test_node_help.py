@@ -41,7 +41,7 @@ def test_the_help_of_a_node_has_every_parameter_topic_and_service(kind: str) -> 
 @pytest.mark.parametrize(
     ('kind', 'row'),
     [
-        ('mc4_drive', 'axis (integer, default 0, 0 to 4)'),
+        ('mc4_drive', 'axis (integer, default 0, 0 to 5)'),
         ('mc4_drive', 'drive.position_period_s (double, default 0.00025, above 0, at most 0.001)'),
         ('transformation_task', 'real_time_factor (double, default 1, 0 to 1000)'),
         ('transformation_task', 'wait_for_program (bool, default false)'),

@@ -13,9 +13,8 @@ import numpy as np
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters
 from delta3_pacdrive.robot.sercos import losses
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.losses import LOSSES_IN_A_ROW, NO_ANSWER, Losses, count_telegrams
 from delta3_pacdrive.robot.sercos.words import Status, in_torque
 
@@ -36,7 +35,7 @@ class AxisFault:
 
 
 class AxisMonitor:
-    """Actual values and status of all drives: the arms first, then a rotary axis.
+    """Actual values and status of all drives: the arms first, then the rotary axes.
 
     Attributes
     ----------
@@ -53,7 +52,7 @@ class AxisMonitor:
 
     def __init__(self, parameters: Parameters) -> None:
         self._cycle_time_s, self._names = parameters.bus.cycle_time_s, parameters.axes
-        count, arms = len(self._names), len(DRIVES)
+        count = len(self._names)
         self.positions: Floats = np.zeros(count)
         self.torques: Floats = np.zeros(count)
         self.speeds = [0.0] * count
@@ -61,8 +60,8 @@ class AxisMonitor:
         self.losses = [0] * count
         self.absent: set[int] = set()
         self._recent = [Losses() for _ in self._names]
-        # coupled axes are checked together: the arms, and the rotary axis separately
-        self._groups = [range(arms), range(arms, count)] if count > arms else [range(arms)]
+        # coupled axes are checked together: the arms, and the rotary axes separately
+        self._groups = range(ARMS), range(ARMS, count)
         self._checked: list[list[int]] = [[] for _ in self._groups]
 
     def begin(self) -> None:
@@ -137,8 +136,8 @@ class AxisMonitor:
         Returns
         -------
         AxisFault | None
-            First fault found; each status word is reported once. The arms take precedence over a rotary axis, unless
-            only the latter has stopped following its commands.
+            First fault found; each status word is reported once. The arms take precedence over rotary axes, unless
+            only one of the latter has stopped following its commands.
 
         """
         found: AxisFault | None = None

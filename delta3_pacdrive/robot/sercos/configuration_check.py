@@ -21,9 +21,6 @@ def lack_of(axis: str) -> str:
     return f'the robot has no {axis} for a rotary axis ({group}.present is false)'
 
 
-NO_TOOL_DRIVE = lack_of(TOOL_DRIVE)
-
-
 @dataclass(frozen=True)
 class Identity:
     """Settings on which all participants must agree in CP2, as text."""
