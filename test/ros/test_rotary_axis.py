@@ -125,11 +125,16 @@ def test_a_robot_of_five_axes_turns_with_both_and_stops_without_the_fifth(graph:
     assert stays_on_the_line(cell)
 
 
-def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:
-    graph.add(RobotVisualizationNode, rotary__present=True)
+@pytest.mark.parametrize('angles_deg', [[90], [120, -30]])
+def test_markers_and_page_show_the_sum_of_the_angles_of_all_rotary_axes(
+    angles_deg: list[float], graph: Any
+) -> None:
+    second = len(angles_deg) == 2
+    graph.add(RobotVisualizationNode, rotary__present=True, rotary_2__present=second)
     arrays = graph.listen(MarkerArray, 'markers')
-    cell = Cell(graph)
-    reader = RobotReader(graph.add(OperatorNode, graph.spin_for), ROBOT)
+    cell = Cell(graph, second=second)
+    robot = ROBOT.replace(rotary_2__present=second)
+    reader = RobotReader(graph.add(OperatorNode, graph.spin_for), robot)
 
     def pointer() -> float:
         found = [marker for array in arrays for marker in array.markers if marker.ns == 'pointer']
@@ -137,16 +142,16 @@ def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:
         return 2.0 * math.atan2(q.z, q.w) if q else math.nan
 
     graph.spin_until(lambda: pointer() == pytest.approx(0.0, abs=1e-3), 'markers')
-    cell.move()
-    assert 0.1 < cell.turns[-1].vector.y < 1.4
+    cell.move(TURNS.replace('90', str(angles_deg)))
+    assert 0.1 < cell.turns[-1].vector.y < 1.6
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     graph.spin_until(lambda: pointer() == pytest.approx(math.pi / 2, abs=1e-3), 'a pointer that is turned')
     instants = []
     graph.spin_until(lambda: (found := reader.instant()) and not instants.append(found), 'a picture')
-    (turn,) = instants[-1].turns
-    assert turn.angle_rad == pytest.approx(math.pi / 2, abs=1e-3)
-    assert turn.error_rad == pytest.approx(math.pi / 2 - turn.angle_rad, abs=1e-6)
-    assert turn.true_rad is None
+    for angle, turn in zip(np.radians(angles_deg), instants[-1].turns, strict=True):
+        assert turn.angle_rad == pytest.approx(angle, abs=1e-3)
+        assert turn.error_rad == pytest.approx(angle - turn.angle_rad, abs=1e-6)
+        assert turn.true_rad is None
 
 
 def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_refused(graph: Any) -> None:

@@ -210,3 +210,13 @@ def test_the_motor_of_the_tool_has_the_torque_and_the_limits_of_the_rotary_axis(
         np.radians([rotary.angle_min_deg, rotary.angle_max_deg])
     )
     assert loaded(mjcf(robot))[0].nu == 3
+
+
+def test_each_of_several_rotary_axes_has_a_hinge_and_a_motor(robot):
+    turning = robot.replace(rotary__present=True, rotary_2__present=True, rotary_2__peak_current_a=13.0)
+    model, _ = loaded(mjcf(turning))
+    assert model.nu == 5
+    limits = [model.actuator(axis).ctrlrange[1] for axis in ('axis4', 'axis5')]
+    assert limits[1] == pytest.approx(2.0 * limits[0])
+    assert model.body('tool').parentid[0] == model.body('turned_axis4').id
+    assert model.body('turned_axis4').parentid[0] == model.body('plate').id

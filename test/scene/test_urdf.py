@@ -177,3 +177,15 @@ def test_mujoco_reads_it_as_well(robot):
     mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
     model = mujoco.MjModel.from_xml_string(urdf(robot))
     assert {model.joint(n).name for n in range(model.njnt)} == set(JOINTS)
+
+
+def test_each_of_several_rotary_axes_is_a_joint_that_turns_the_tool_further(robot):
+    turning = robot.replace(rotary__present=True, rotary_2__present=True)
+    model, names = read(turning), joints_of(turning.axes)
+    assert names == (*JOINTS, 'axis4', 'axis5')
+    assert sorted(model.actuated_joint_names) == sorted(names)
+    assert model.validate()
+    theta = places(turning, 1)
+    model.update_cfg(dict(zip(names, [*joints(theta, turning)[0], 0.5, -0.2], strict=True)))
+    along = frame(model, 'pointer')[:3, 0]
+    assert along == pytest.approx([math.cos(0.3), math.sin(0.3), 0.0])

@@ -39,6 +39,9 @@ def test_the_angle_of_the_tool_is_told_beside_the_tcp_where_there_is_one():
     shown = readout.status(Facts(state='moving'), tcp, [turn])
     assert '123.40 deg' in shown
     assert '-0.050 deg' in shown
+    both = readout.status(Facts(state='moving'), tcp, [turn, TurnInstant(np.radians(-30.0))])
+    assert 'tool_2' in both
+    assert '-30.00 deg' in both
     assert 'deg' not in readout.status(Facts(state='moving'), tcp)
 
 

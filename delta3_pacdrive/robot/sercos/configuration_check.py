@@ -11,7 +11,6 @@ DRIVES = ('axis1', 'axis2', 'axis3')
 ROTARY_DRIVES = tuple(f'axis{len(DRIVES) + number}' for number in range(1, ROTARY_AXES_MAX + 1))
 ALL_DRIVES = (*DRIVES, *ROTARY_DRIVES)
 PLANT = 'plant'
-TOOL_DRIVE = ROTARY_DRIVES[0]
 PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
 
 

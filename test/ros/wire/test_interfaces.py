@@ -44,7 +44,7 @@ OF_RCLPY = {
     'set_parameters', 'set_parameters_atomically',
 }  # fmt: skip
 BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(ALL_DRIVES)}
-ROTARY = {'rotary__present': True}
+ROTARY = {'rotary__present': True, 'rotary_2__present': True}
 AXES = parameters.load().replace(**ROTARY).axes
 ON_REQUEST = {'motion__start_cycle': -1, **ROTARY}
 

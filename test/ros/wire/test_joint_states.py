@@ -11,12 +11,11 @@ from delta3_pacdrive.robot.sercos.telegrams import JOINTS, joint_states
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 
-NUMBERS = {
-    drives: np.arange(3.0 * (len(JOINTS) + len(drives) - 3)).tolist() for drives in (DRIVES, ALL_DRIVES)
-}
+LAYOUTS = (DRIVES, ALL_DRIVES[:4], ALL_DRIVES)
+NUMBERS = {drives: np.arange(3.0 * (len(JOINTS) + len(drives) - 3)).tolist() for drives in LAYOUTS}
 
 
-@pytest.mark.parametrize('turns', [(DRIVES, DRIVES), (ALL_DRIVES, ALL_DRIVES), (DRIVES, ALL_DRIVES, DRIVES)])
+@pytest.mark.parametrize('turns', [*((one, one) for one in LAYOUTS), (*LAYOUTS, *LAYOUTS)])
 def test_arms_are_read_whether_a_tool_comes_behind_them_or_not(turns: tuple[tuple[str, ...], ...]) -> None:
     reader = JointStatesReader()
     for drives in turns:
