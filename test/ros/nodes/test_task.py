@@ -1,8 +1,10 @@
 """Facts about the nodes by themselves: greetings, diagnostics, faults, and the parts that they are made of."""
 
 import json
+import sys
 import time
-from types import SimpleNamespace
+from pathlib import Path
+from types import FrameType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+import delta3_pacdrive
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RobotFault
 from delta3_pacdrive.robot.faults.fault import TASK, parse
@@ -105,6 +108,37 @@ def test_diagnostics_tell_level_sentence_and_drive(graph: Any) -> None:
     assert newest('/mc4_drive_2').message.startswith('8171 ')
     assert newest('/transformation_task').message == task.progress().fault
     assert newest('/mc4_drive_1').level == DiagnosticStatus.OK
+
+
+def test_a_command_passes_few_functions_from_the_start_of_its_cycle_to_the_mdt(graph: Any) -> None:
+    task = graph.robot(**ON_REQUEST)
+    graph.spin_until(lambda: task.progress().cycles > 100, 'cyclic operation')
+    entered: list[tuple[str, str]] = []
+    commands: list[list[tuple[str, str]]] = []
+    send, package = task.commands.publish, str(Path(delta3_pacdrive.__file__).parent)
+
+    def publish(mdt: bytes) -> None:
+        if entered and entered[0][1].endswith('start_due'):
+            commands.append(entered.copy())
+        entered.clear()
+        send(mdt)
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        if event == 'call' and code.co_filename.startswith(package):
+            if code.co_name == 'start_due':
+                entered.clear()
+            entered.append((code.co_filename, code.co_qualname))
+
+    task.commands.publish = publish
+    sys.setprofile(note)
+    try:
+        graph.spin_until(lambda: len(commands) > 20, 'commands')
+    finally:
+        sys.setprofile(None)
+    fewest = min((set(command) for command in commands), key=len)
+    assert len(fewest) <= 15, fewest
+    assert len({path for path, _ in fewest}) <= 8, fewest
 
 
 # parts of nodes -----------------------------------------------------------------------------------------------------
