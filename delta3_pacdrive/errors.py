@@ -160,7 +160,7 @@ class RobotFault:
     sentence: str
     source: str = ''  # axes or participants that may be the cause, comma-separated; empty for the whole robot
     number: int = (
-        0  # diagnostic message (``drive.diagnostics``); 0 without one, or not yet reported by the drive
+        0  # diagnostic message (``robot.drive.diagnostics``); 0 without one, or not yet reported by the drive
     )
     cycle: int = -1  # bus cycle of detection; -1 if unknown
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 MINUTE_S = 60.0
-RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``analysis.line.design`` has them
+RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``studies.fleet.line.design`` has them
 
 
 @dataclass

@@ -21,7 +21,7 @@ from delta3_pacdrive.view import serving
 if TYPE_CHECKING:
     from delta3_pacdrive.bringup.options import Options as BringupOptions
 
-SCRIPT_SUFFIX = '.py'  # repeated from ``cell.script``, whose import is slow
+SCRIPT_SUFFIX = '.py'  # repeated from ``scripting.script``, whose import is slow
 OnProgress = Callable[[MotionProgress], None]
 
 

@@ -90,7 +90,7 @@ NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'cell_force': ('holding', 'needed'),
     'jacobian': ('condition', 'speed', 'acceleration'),
 }
-JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``controller/joint_motion.py``
+JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``control/cycle/joint_motion.py``
 ONE_COLUMN = (
     'tcp_error_norm',
     'tcp_speed',

@@ -55,7 +55,7 @@ def dry_run(script: Script, parameters: Parameters, around: Cell | None = None) 
 
 
 def document(found: DryRun, with_limits: bool = False) -> dict[str, Any]:
-    """Return a dry run for JSON, like ``analysis.planning.report.document`` for programs."""
+    """Return a dry run for JSON, like ``studies.places.planning.report.document`` for programs."""
     return {
         'ok': not found.stopped,
         'program': found.name,

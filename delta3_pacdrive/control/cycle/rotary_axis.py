@@ -8,9 +8,9 @@ Arguments of the kernels here:
 ``cycle``
     Number of a bus cycle.
 ``task``, ``timeline``
-    As in ``task_cycle``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
+    As in ``task_cycle``: array of one record ``TASK``, shape (1,), and ``planning.execution.TimelineArrays``.
 ``turns``
-    Rotations of the plan: a ``motion.turns.TurnTables``, empty if the plan contains none.
+    Rotations of the plan: a ``planning.paths.rotations.TurnTables``, empty if the plan contains none.
 ``rotary``
     Array of one record ``ROTARY``, shape (1,).
 ``position``, ``torque``

@@ -7,9 +7,9 @@ Arguments of the kernels here:
 ``task``, ``s``
     Array of one record ``TASK``, shape (1,), and its state.
 ``timeline``
-    ``motion.execution.TimelineArrays``.
+    ``planning.execution.TimelineArrays``.
 ``tables``
-    The plan: a ``motion.plan.Tables``.
+    The plan: a ``planning.plan.Tables``.
 ``corrections``
     Learned torques [N m] from the cycle ``corrected_from`` of the state on, shape (n, 3); n = 0 for none.
 ``number``, ``over``

@@ -1,7 +1,7 @@
 """Node of one MC-4 servo drive.
 
 In: ``sercos/phase``. Cyclic telegrams: ``drive_telegrams``; ``/diagnostics`` (1 Hz): ``drive_report``; oscilloscope:
-``drive_scope``. Timing and bus participation: ``drive.bus_drive``.
+``drive_scope``. Timing and bus participation: ``robot.drive.bus_drive``.
 """
 
 import time

@@ -1,8 +1,8 @@
-"""Node of the plant: motors, brakes, gears, the coupled arms, and an optional rotary axis.
+"""Node of the plant: motors, brakes, gears, the coupled arms, and up to two rotary axes.
 
 In: ``axisN/motor_current`` of the drives (currents of a period, brake output), ``sercos/phase``. Out:
 ``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. Timing:
-``plant.plant_clock``; bus participation: ``plant.bus_plant``; the cell around the robot: ``plant_cell``.
+``robot.plant.plant_clock``; bus participation: ``robot.plant.bus_plant``; the cell around the robot: ``plant_cell``.
 """
 
 import time

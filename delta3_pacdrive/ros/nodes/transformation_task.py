@@ -1,9 +1,9 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
-Its topics and services are those of ``TASK`` in ``ros.interfaces``; decisions are made in
-``controller.robot_controller``. MDT: ``command_sender``; AT: ``at_receiver``; cyclic topics: ``task_outputs``; plans:
-``planner_link``; services and control: ``operator_services``; states and outputs: ``robot_outputs``; service channel:
-``service_requests``.
+Its topics and services are those of ``TASK`` in ``ros.wire.interfaces``; decisions are made in
+``control.operation.robot_controller``. MDT: ``command_sender``; AT: ``receivers``; cyclic topics, states and outputs:
+``outputs``; plans: ``planner_link``; services and control: ``clients.operator_services``; service channel:
+``wire.service_requests``.
 
 It is longer than other nodes because it connects all of these, and implements the controller's callbacks.
 """

@@ -1,8 +1,8 @@
 """Node of UnitRobot, the planner: receives moves and programs, plans and checks them as a whole, starts and overrides.
 
 In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``unit_robot/alive``
-(5 Hz), and the outputs of ``ros.planner_outputs``. Operator requests: ``ros.planner_services``; action:
-``ros.follow_joint_trajectory``. Decisions are made in ``controller.planner``.
+(5 Hz), and the outputs of ``ros.planner.planner_outputs``. Operator requests: ``ros.planner.planner_services``; action:
+``ros.planner.follow_joint_trajectory``. Decisions are made in ``control.queue.planner``.
 
 It is longer than other nodes because it connects the planner to its thread, its operators and its outputs.
 """

@@ -151,7 +151,7 @@ class Topic:
     telegrams: tuple[Telegram, ...] = ()  # fixed layout, per axis
     one_writer: bool = False  # a second writer keeps the bus in CP0
     recorded: bool = False
-    answer: str = ''  # published field of ``controller.task_arrays.ANSWER``
+    answer: str = ''  # published field of ``control.cycle.task_arrays.ANSWER``
     axis: str = ''  # only on robots with this rotary axis
 
     def of(self, axis: str = '') -> str:

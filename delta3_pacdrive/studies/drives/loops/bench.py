@@ -1,7 +1,7 @@
 """Test bench: the emulated drive turns a load of constant inertia and gravity, one current period at a time.
 
-Between two exchanges with the plant, a drive integrates its own shaft and motor model (``drive.observer``). The bench
-sets the inertia of this shaft to that of the load and never exchanges, so that no equation is duplicated.
+Between two exchanges with the plant, a drive integrates its own shaft and motor model, ``robot.drive.shaft_observer``.
+The bench sets the inertia of this shaft to that of the load and never exchanges, so that no equation is duplicated.
 An elastic gear of a built robot is part of the bench: the drive turns the rotor, the gear turns the load.
 The bench turns at a constant speed because the friction slope F_s/w_s at standstill hides the load.
 

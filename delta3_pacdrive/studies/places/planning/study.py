@@ -14,7 +14,7 @@ from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 
 class Quantity(StrEnum):
-    """Quantity that can limit a move; shares the names of ``motion.excess.Limited``."""
+    """Quantity that can limit a move; shares the names of ``planning.limits.violations.Limited``."""
 
     TCP_SPEED = 'TCP speed'
     TCP_ACCELERATION = 'TCP acceleration'
