@@ -1,7 +1,7 @@
 """The plan that the planner sends to the transformation task, as coefficient tables.
 
-A plan is a set of different moves (``paths.move``) and their order, in continuous time: a move starts at the end time
-and position of the previous one, in general between two bus cycles.
+A plan is a set of different moves (``planning.paths.move``) and their order, in continuous time: a move starts at the
+end time and position of the previous one, in general between two bus cycles.
 
 Arguments of the kernels here:
 
