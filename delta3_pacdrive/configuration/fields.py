@@ -60,6 +60,11 @@ def read_by(read: Callable[[Any, str], Any], description: str = '', **more: Any)
     return _declared({'description': description, 'read': read}, more)
 
 
+def contextual(reader: str, **more: Any) -> Any:
+    """Declare a value whose reader depends on its surroundings in the document; ``reader`` names it."""
+    return _declared({'reader': reader}, more)
+
+
 def derived(record: type, convert: Callable[[Any], Any], description: str = '', **more: Any) -> Any:
     """Declare a value that is computed from a record in the file."""
     return _declared({'description': description, 'record': record, 'convert': convert}, more)

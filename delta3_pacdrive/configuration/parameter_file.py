@@ -90,5 +90,5 @@ def checked_some(
             name = f'{group}.{key}'
             if isinstance(value, int) and abs(value) > 2**63:
                 refuse(f'{name} is too large a number')
-            found[key] = fields[key].read(reader, value, name)
+            found[key] = fields[key].bind(reader)(value, name)
     return found

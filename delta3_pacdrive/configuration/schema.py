@@ -36,16 +36,17 @@ from delta3_pacdrive.configuration.value_readers import (
 from delta3_pacdrive.errors import shown
 
 Read = Callable[[Any, str], Any]
-ReadIn = Callable[['RecordReader', Any, str], Any]
+Bind = Callable[['RecordReader'], Read]
 _Record = TypeVar('_Record')
 _INVALID: Any = object()
+_NOTHING: Mapping[str, Any] = types.MappingProxyType({})
 
 
 class _Field(NamedTuple):
-    """A field of a record: its name, its reader, and its value without the key if this is not its default."""
+    """A field of a record: name, reader for a document, and value without the key if this is not the default."""
 
     name: str
-    read: ReadIn
+    bind: Bind
     absent: Any
 
 
@@ -68,7 +69,7 @@ def _schema_of(cls: Any) -> Schema:
             own_name, name_max = one.name, one.metadata['characters_max']
         elif not one.metadata.get('internal'):
             key, absent = one.metadata.get('key', one.name), one.metadata.get('absent', _INVALID)
-            found[key] = _Field(one.name, _reader_of(hints[one.name], one.metadata), absent)
+            found[key] = _Field(one.name, _binder_of(hints[one.name], one.metadata), absent)
             no_default = one.default is one.default_factory is dataclasses.MISSING
             if no_default and absent is _INVALID:
                 required.append(key)
@@ -88,7 +89,7 @@ class RecordReader:
     names
         Names that references may use, by section, each with the value that replaces it.
     readers
-        Readers of types that files describe in a form of their own.
+        Readers of types that files describe in a form of their own, and of ``contextual`` values by name.
 
     """
 
@@ -99,6 +100,7 @@ class RecordReader:
         readers: Mapping[Any, Read] | None = None,
     ) -> None:
         self.errors, self.names, self.readers = errors, names or {}, readers or {}
+        self._bound: dict[Any, list[tuple[str, str, Read, Any]]] = {}  # fields with bound readers, by class
 
     def record(
         self, cls: type[_Record], value: Any, where: str, prefix: str | None = None, **more: Any
@@ -123,18 +125,29 @@ class RecordReader:
                 refuse(f'{path_text(where if prefix is None else prefix, path)} {sentence}')
         return found
 
-    def values(self, cls: Any, fields: Section, prefix: str | None = None) -> dict[str, Any]:
-        """Return the values of a record whose keys belong to a section, by field; raises as ``record``."""
-        schema = schema_of(cls)
-        found = {}
-        for key, one in schema.fields.items():
+    def values(
+        self, cls: Any, fields: Section, prefix: str | None = None, known: Mapping[str, Any] = _NOTHING
+    ) -> dict[str, Any]:
+        """Return the values of a record whose keys belong to a section, by field; raises as ``record``.
+
+        ``known`` are values that were read before.
+        """
+        bound = self._bound.get(cls)
+        if bound is None:
+            bound = self._bound[cls] = [
+                (key, one.name, one.bind(self), one.absent) for key, one in schema_of(cls).fields.items()
+            ]
+        found = dict(known)
+        is_valid = True
+        for key, name, read, absent in bound:
+            if name in known:
+                continue
             if key in fields:
-                found[one.name] = fields.read(key, functools.partial(one.read, self), _INVALID, prefix)
-            elif one.absent is not _INVALID:
-                found[one.name] = one.absent
-        if any(value is _INVALID for value in found.values()) or any(
-            key not in fields for key in schema.required
-        ):
+                found[name] = value = fields.read(key, read, _INVALID, prefix)
+                is_valid &= value is not _INVALID
+            elif absent is not _INVALID:
+                found[name] = absent
+        if not is_valid or any(key not in fields for key in schema_of(cls).required):
             raise Reported
         return found
 
@@ -191,39 +204,37 @@ def _place_of(value: Any, path: Path) -> Place | None:
     return place
 
 
-def _reader_of(kind: Any, metadata: Mapping[str, Any]) -> ReadIn:
-    """Return the reader of a field by its annotation and its metadata."""
+def _binder_of(kind: Any, metadata: Mapping[str, Any]) -> Bind:
+    """Return the binder of a field by its annotation and its metadata."""
     if typing.get_origin(kind) in (types.UnionType, typing.Union):
         kind = next(one for one in typing.get_args(kind) if one is not types.NoneType)
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if 'read' in metadata:
-        return _plain(metadata['read'])
+        return lambda _: metadata['read']
+    if 'reader' in metadata:
+        return lambda reader: reader.readers[metadata['reader']]
     if 'record' in metadata:
-        given, convert = metadata['record'], metadata['convert']
-        return lambda reader, value, where: convert(reader.record(given, value, where))
+        return lambda reader: _converted(
+            functools.partial(reader.record, metadata['record']), metadata['convert']
+        )
     if origin is tuple and inner[-1] is not Ellipsis:
-        low, high = metadata['low'], metadata['high']
-        return _plain(numbers_between(len(inner), low, high, whole=inner[0] is int))
+        numbers = numbers_between(len(inner), metadata['low'], metadata['high'], whole=inner[0] is int)
+        return lambda _: numbers
     if origin in (tuple, dict):
         return _several(kind, metadata)
     if 'section' in metadata:
-        return lambda reader, value, where: _referred(reader, metadata['section'], value, where)
+        return lambda reader: functools.partial(
+            _referred, reader.names[metadata['section']], metadata['section']
+        )
     if dataclasses.is_dataclass(kind):
-        return _nested(kind)
-    if isinstance(kind, type) and issubclass(kind, StrEnum):
-        choose = one_of(tuple(kind))
-        return lambda _, value, where: kind(choose(value, where))
-    return _plain(_simple(kind, metadata))
+        cls: Any = kind
+        return lambda reader: reader.readers.get(cls) or functools.partial(reader.record, cls)
+    read = _converted(one_of(tuple(kind)), kind) if issubclass(kind, StrEnum) else _simple(kind, metadata)
+    return lambda _: read
 
 
-def _plain(read: Read) -> ReadIn:
-    return lambda _, value, where: read(value, where)
-
-
-def _nested(cls: Any) -> ReadIn:
-    return lambda reader, value, where: (
-        reader.readers[cls](value, where) if cls in reader.readers else reader.record(cls, value, where)
-    )
+def _converted(read: Read, convert: Callable[[Any], Any]) -> Read:
+    return lambda value, where: convert(read(value, where))
 
 
 def _simple(kind: Any, metadata: Mapping[str, Any]) -> Read:
@@ -237,28 +248,32 @@ def _simple(kind: Any, metadata: Mapping[str, Any]) -> Read:
     return between(metadata['low'], metadata['high'])
 
 
-def _several(kind: Any, metadata: Mapping[str, Any]) -> ReadIn:
-    """Return the reader of a list, or of a mapping by name."""
+def _several(kind: Any, metadata: Mapping[str, Any]) -> Bind:
+    """Return the binder of a list, or of a mapping by name."""
     is_dict = typing.get_origin(kind) is dict
     one: Any = typing.get_args(kind)[1 if is_dict else 0]
-    least, most = metadata.get('least', 0), metadata.get('most', ENTRIES_MAX)
-    own = schema_of(one).own_name if dataclasses.is_dataclass(one) else ''
-    if not is_dict and not own:
-        read = _reader_of(one, {name: metadata[name] for name in metadata if name == 'section'})
-        return lambda reader, value, where: reader.listed(
-            value, where, functools.partial(read, reader), least, most
-        )
+    limits = metadata.get('least', 0), metadata.get('most', ENTRIES_MAX)
+    by_name = dataclasses.is_dataclass(one) and any(
+        f.metadata.get('own_name') for f in dataclasses.fields(one)
+    )
+    if not is_dict and not by_name:
+        bind = _binder_of(one, {name: metadata[name] for name in metadata if name == 'section'})
 
-    def named(reader: RecordReader, value: Any, where: str) -> Any:
-        found = reader.named(one, value, where, least, most)
-        return found if is_dict else tuple(found.values())
+        def listed(reader: RecordReader) -> Read:
+            read = bind(reader)
+            return lambda value, where: reader.listed(value, where, read, *limits)
+
+        return listed
+
+    def named(reader: RecordReader) -> Read:
+        make: Any = dict if is_dict else lambda found: tuple(found.values())
+        return lambda value, where: make(reader.named(one, value, where, *limits))
 
     return named
 
 
-def _referred(reader: RecordReader, section: str, value: Any, where: str) -> Any:
+def _referred(names: Mapping[str, Any], section: str, value: Any, where: str) -> Any:
     """Return the value of a name that a section defines."""
-    names = reader.names[section]
     if not names:
         refuse(f'{where} is {shown(value)}, but there are no {section}')
     return names[one_of(tuple(names))(value, where)]

@@ -55,15 +55,9 @@ class Errors:
         if len(self._found) >= ERRORS_MAX:
             raise _EnoughError
 
-    @contextmanager
-    def noted(self, place: Place | None = None) -> Iterator[None]:
-        """Record the rejection that ends this block, and continue after it."""
-        try:
-            yield
-        except Reported:
-            pass
-        except Refusal as refusal:
-            self.add(refusal, place)
+    def noted(self, place: Place | None = None) -> _Noted:
+        """Return a block that records the rejection that ends it; execution continues after the block."""
+        return _Noted(self, place)
 
     @contextmanager
     def raised_as(self, kind: type[Delta3Error]) -> Iterator[None]:
@@ -75,6 +69,25 @@ class Errors:
             more = [f'the search ended after {ERRORS_MAX} errors']
         if self._found:
             raise kind.of_all([*sorted(self._found, key=lambda one: self._found[one]), *more])
+
+
+class _Noted:
+    """Block whose rejection is recorded; not a generator, because programs enter hundreds of thousands."""
+
+    __slots__ = ('_errors', '_place')
+
+    def __init__(self, errors: Errors, place: Place | None) -> None:
+        self._errors, self._place = errors, place
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
+        if not isinstance(error, Refusal):
+            return False
+        if not isinstance(error, Reported):
+            self._errors.add(error, self._place)
+        return True
 
 
 def read_document(
@@ -154,7 +167,7 @@ class Section:
                 if given == key or isinstance(refusal, Reported):
                     raise
                 raise Refusal(f'{refusal} (in {base_unit(given)})', refusal.place) from None
-        return default
+        return default  # type: ignore[no-any-return]
 
 
 def chosen_kind(value: Any, where: str, key: str, kinds: Collection[str]) -> str:

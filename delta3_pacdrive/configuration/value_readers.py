@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from delta3_pacdrive.configuration.strict_reader import nearest_of, refuse
+from delta3_pacdrive.configuration.source_positions import numbered
+from delta3_pacdrive.configuration.strict_reader import Refusal, nearest_of, refuse
 from delta3_pacdrive.errors import shown
 
 
@@ -58,6 +59,26 @@ def numbers_between(
         if not isinstance(value, (list, tuple)) or len(value) != count:
             refuse(f'{where} must be a list of {count} numbers, not {shown(value)}')
         return tuple(one(item, f'{where}[{n}]') for n, item in enumerate(value))
+
+    return read
+
+
+def finite_numbers(unit: str, count: int = 3) -> Callable[[Any, str], Any]:
+    """Return a reader of a list of ``count`` finite numbers in a unit; an error has the place of its number."""
+
+    def read(value: Any, where: str) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) != count:
+            refuse(f'{where} must be a list of {count} numbers [{unit}], not {shown(value)}')
+        found = []
+        for item, name, place in numbered(value, where):
+            try:
+                found.append(number(item, name))
+            except Refusal as refusal:
+                refusal.place = place
+                raise
+        if not all(math.isfinite(item) for item in found):
+            refuse(f'{where} must be finite, not {shown(value)}')
+        return tuple(found)
 
     return read
 

@@ -44,8 +44,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import packaged, yaml_file
-from delta3_pacdrive.configuration.source_positions import place_of
-from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, refuse
+from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, read_document, refuse
 from delta3_pacdrive.configuration.value_readers import flag, whole_number_between
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.parameters import Motion, config_directory
@@ -53,11 +52,10 @@ from delta3_pacdrive.planning.limits.limit_reader import LIMIT_KEYS, given_limit
 from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program.frame_reader import Places, read_frames, read_patterns, read_tools
 from delta3_pacdrive.planning.program.frames import BASE, Frame, Tool
-from delta3_pacdrive.planning.program.model import Point, Program, Statement
+from delta3_pacdrive.planning.program.model import TIME_MAX_S, Point, Program, Statement
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program.point_reader import NAME, NAME_MAX, Named, PointReader, Setting, named
 from delta3_pacdrive.planning.program.statement_reader import (
-    TIME_MAX_S,
     Head,
     StatementReader,
     each,
@@ -133,11 +131,9 @@ def parse(
         Values violate rules; states places and rules, up to ten.
 
     """
-    errors = Errors(getattr(document, 'source', file))
-    programs: list[Program] = []
-    with errors.raised_as(ProgramError), errors.noted(place_of(document)):
-        programs.append(_program(document, motion, name, errors, outputs))
-    (program,) = programs
+    program = read_document(
+        document, file, ProgramError, lambda value, errors: _program(value, motion, name, errors, outputs)
+    )
     source = getattr(document, 'source', '')
     if source or any(place and place.line > 1 for place in program.places):
         return replace(program, source=source)
@@ -268,13 +264,13 @@ def read_statement(
         A rule is violated; states up to ten errors.
 
     """
-    errors = Errors('')
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
     head = Head(
         defaults, motion.tcp_speed_limit_m_s, setting=Setting(frame, tool, {BASE.name: BASE}), outputs=outputs
     )
-    reader = StatementReader(head, PointReader(errors), errors)
-    found: list[Statement] = []
-    with errors.raised_as(ProgramError), errors.noted(None):
-        found.extend(one.statement for one in reader.statements([{kind: dict(keys)}], 'moves'))
-    return found[0]
+
+    def read(document: Any, errors: Errors) -> Statement:
+        found = StatementReader(head, PointReader(errors), errors).statements(document, 'moves')
+        return found[0].statement if found else None  # type: ignore[return-value]  # the errors are raised
+
+    return read_document([{kind: dict(keys)}], '', ProgramError, read)

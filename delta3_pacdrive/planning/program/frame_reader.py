@@ -1,11 +1,13 @@
-"""Readers of frames, tools and patterns in program files."""
+"""Readers of frames, tools, patterns and loops over their positions in program files."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from delta3_pacdrive.configuration.source_positions import numbered
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, refuse
 from delta3_pacdrive.configuration.value_readers import (
+    finite_numbers,
     flag,
     number,
     number_between,
@@ -16,8 +18,9 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.planning.paths.move import MOVES_MAX
 from delta3_pacdrive.planning.program.frames import BASE, Frame, Tool
+from delta3_pacdrive.planning.program.model import REACH_M
 from delta3_pacdrive.planning.program.patterns import Grid, Layers, Order, Pattern
-from delta3_pacdrive.planning.program.point_reader import REACH_M, Named, named, numbers, read_named, vector
+from delta3_pacdrive.planning.program.point_reader import Named, Setting, named, read_named
 
 PLACE = 'place'  # name of the frame at the current position of a pattern
 RESERVED = (BASE.name, PLACE)
@@ -55,7 +58,7 @@ def read_tools(value: Any, where: str, errors: Errors, found: Named[Tool]) -> No
 
     def read(tool: Any, name: str) -> Tool:
         fields = Section(tool, name, errors, ('mass_kg', 'offset_m'))
-        offset = fields.read('offset_m', lambda value, place: vector(value, place, 'm'), (0.0, 0.0, 0.0))
+        offset = fields.read('offset_m', finite_numbers('m'), (0.0, 0.0, 0.0))
         mass = fields.read('mass_kg', number_between(0.0, PAYLOAD_MAX_KG), 0.0)
         return checked(lambda: Tool(offset, mass, name.rpartition('.')[2]), name)
 
@@ -110,7 +113,7 @@ def checked(make: Callable[[], _Made], where: str) -> _Made:
 
 
 def _point(value: Any, where: str) -> tuple[float, float, float]:
-    point = vector(value, where, 'm')
+    point: tuple[float, float, float] = finite_numbers('m')(value, where)
     for one in point:
         _within_reach(one, where)
     return point
@@ -123,7 +126,7 @@ def _taught(value: Any, where: str) -> list[tuple[float, float, float]] | None:
 
 
 def _pair(value: Any, where: str) -> tuple[float, float]:
-    x, y = numbers(value, where, 'm', 2)
+    x, y = finite_numbers('m', 2)(value, where)
     return _within_reach(x, where), _within_reach(y, where)
 
 
@@ -135,3 +138,54 @@ def _within_reach(value: float, where: str) -> float:
     if not abs(value) <= REACH_M:
         refuse(f'{where} holds {value:g} m, farther than {REACH_M:g} m: are these millimetres?')
     return value
+
+
+@dataclass(frozen=True)
+class PlaceLoop:
+    """Patterns that a loop iterates over."""
+
+    name: str  # of the patterns, for messages
+    places: Mapping[str, Places]  # frames of each pattern by loop variable; all of the same length
+
+    @property
+    def count(self) -> int:
+        """Number of positions."""
+        return min(map(len, self.places.values()))
+
+    def setting(self, number: int, outside: Setting) -> Setting:
+        """Return the setting of points at a position; with a single pattern its frame is the default frame."""
+        frames = {name: places[number] for name, places in self.places.items()}
+        choices = () if PLACE in frames else tuple(frames)
+        return replace(outside, frame=frames.get(PLACE), frames={**outside.frames, **frames}, choices=choices)
+
+
+def read_loop(
+    value: Any, where: str, patterns: Mapping[str, Places | None], taken: Collection[str], errors: Errors
+) -> PlaceLoop | None:
+    """Read the patterns of a loop: the name of one, or several by names that are not ``taken``.
+
+    None if a pattern is invalid, which is reported elsewhere.
+    """
+    if not isinstance(value, dict):
+        places = named(value, where, patterns, 'pattern')
+        return None if places is None else PlaceLoop(str(value), {PLACE: places})
+    found: Named[Places] = {}
+    read_named(
+        value,
+        where,
+        'place',
+        found=found,
+        errors=errors,
+        read=lambda one, name: named(one, name, patterns, 'pattern'),
+        reserved=taken,
+    )
+    known = {name: places for name, places in found.items() if places is not None}
+    if len(known) < len(value):
+        return None
+    if not known:
+        refuse(f'{where} does not name a pattern')
+    counts = {name: len(places) for name, places in known.items()}
+    if len(set(counts.values())) > 1:
+        sizes = ', '.join(f'{value[name]} has {count}' for name, count in counts.items())
+        refuse(f'{where}: patterns of one loop must have the same number of places: {sizes}')
+    return PlaceLoop(' and '.join(str(one) for one in value.values()), known)

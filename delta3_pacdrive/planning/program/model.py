@@ -3,18 +3,39 @@
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from delta3_pacdrive.configuration.fields import contextual, entries, internal, positive, quantity, read_by
 from delta3_pacdrive.configuration.source_positions import Place
+from delta3_pacdrive.configuration.strict_reader import refuse
+from delta3_pacdrive.configuration.value_readers import finite_numbers, flag, number
+from delta3_pacdrive.planning.limits.limit_reader import blend
 from delta3_pacdrive.planning.limits.limits import Limits
+from delta3_pacdrive.planning.paths.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.robot.faults.fault import Fault
 
 Point = tuple[float, float, float]
 JOINT_POINTS_MAX = 10_000  # of a joint trajectory
+SHIFT_MAX_S = 10.0  # of an output
+CLEARANCE_MAX_M = 1.0  # of an arch
+REACH_M = 10.0
+TIME_MAX_S = 3600.0
+ARC_TURNS_MAX = 100
+ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
 ASKED_POINTS_MAX = 1000  # of a joint trajectory in a message for immediate execution
+
+
+def _arc_angle(value: Any, where: str) -> float:
+    angle = number(value, where)
+    if not 0.0 < angle <= ARC_MAX_RAD + ARC_ROUNDING_RAD:
+        refuse(
+            f'{where} is {angle:g} rad, but must be positive and at most {ARC_MAX_RAD:.6g} rad '
+            f'({ARC_TURNS_MAX} turns); exchange via and to for the other direction'
+        )
+    return angle
 
 
 @dataclass(frozen=True)
@@ -48,37 +69,37 @@ class PathMove:
     end.
     """
 
-    limits: Limits
-    blend_m: float = 0.0
+    limits: Limits = internal()
+    blend_m: float = read_by(blend, default=0.0)
     strict: bool = False
     time_optimal: bool = False
-    torque_rate_n_m_s: float = math.inf
+    torque_rate_n_m_s: float = internal(default=math.inf)
     in_position: bool = False
     constant_speed: bool = False
-    turns: tuple[Angle, ...] = ()
+    turns: tuple[Angle, ...] = contextual('angles', key='turn_rad', default=())
 
 
 @dataclass(frozen=True)
 class MoveL(PathMove):
     """Straight line to a point (6.1)."""
 
-    to: Target
+    to: Target = contextual('target', key='to_m')
 
 
 @dataclass(frozen=True)
 class MoveC(PathMove):
     """Circle through a circle point to an end (6.2), or over an angle [rad] on that circle in the same direction."""
 
-    via: Target
-    to: Target
-    angle_rad: float | None = None
+    via: Target = contextual('target', key='via_m')
+    to: Target = contextual('target', key='to_m')
+    angle_rad: float | None = read_by(_arc_angle, default=None)
 
 
 @dataclass(frozen=True)
 class MoveSB(PathMove):
     """Cubic spline through points (6.3)."""
 
-    through: tuple[Target, ...]
+    through: tuple[Target, ...] = entries('points', 1, SPLINE_POINTS_MAX, key='through_m')
 
 
 class Aim(StrEnum):
@@ -92,8 +113,10 @@ class Aim(StrEnum):
 class KeepOut:
     """Minimum height z of a path except near its ends."""
 
-    height_m: float
-    margin_m: float = 0.0  # horizontal distance from an end within which the path may be lower
+    height_m: float = quantity('minimum height', -REACH_M, REACH_M)
+    margin_m: float = quantity(
+        'horizontal distance from an end within which the path may be lower', 0.0, REACH_M, default=0.0
+    )
 
 
 @dataclass(frozen=True)
@@ -103,10 +126,10 @@ class Arch(PathMove):
     Height and bends are optimized for the shortest time or the least energy.
     """
 
-    to: Target
-    up_m: float
-    down_m: float
-    keep_out: KeepOut | None = None
+    to: Target = contextual('target', key='to_m')
+    up_m: float = quantity('clearance after the start', 0.0, CLEARANCE_MAX_M)
+    down_m: float = quantity('clearance before the end', 0.0, CLEARANCE_MAX_M)
+    keep_out: KeepOut | None = contextual('keep_out', default=None)
     aim: Aim = Aim.TIME
 
 
@@ -114,23 +137,23 @@ class Arch(PathMove):
 class Cubic:
     """Cubic in time with given end velocity; it starts with the end velocity of the preceding cubic (5.1)."""
 
-    to: Target
-    duration_s: float
-    end_velocity_m_s: Point = (0.0, 0.0, 0.0)
+    to: Target = contextual('target', key='to_m')
+    duration_s: float = quantity('duration', 1e-3, TIME_MAX_S)
+    end_velocity_m_s: Point = contextual('velocity', default=(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
 class Turn:
     """Rotation of the tool at a fixed TCP to angles of its first rotary axes, as fast as they allow."""
 
-    turns: tuple[Angle, ...]
+    turns: tuple[Angle, ...] = contextual('angles', key='to_rad')
 
 
 @dataclass(frozen=True)
 class Dwell:
     """Rest at the current point."""
 
-    time_s: float
+    time_s: float = positive('duration', TIME_MAX_S)
 
 
 @dataclass(frozen=True)
@@ -141,13 +164,13 @@ class Output:
     change the payload.
     """
 
-    name: str
-    value: float
-    before_m: float = 0.0
-    payload_kg: float | None = None
-    after_m: float = 0.0
-    before_s: float = 0.0
-    after_s: float = 0.0
+    name: str = contextual('output')
+    value: float = read_by(lambda value, where: float(flag(value, where)))
+    before_m: float = quantity('before the end of the move', 0.0, REACH_M, default=0.0)
+    payload_kg: float | None = contextual('payload', default=None)
+    after_m: float = quantity('after the end of the move', 0.0, REACH_M, default=0.0)
+    before_s: float = quantity('before the end of the move', 0.0, SHIFT_MAX_S, default=0.0)
+    after_s: float = quantity('after the end of the move', 0.0, SHIFT_MAX_S, default=0.0)
 
     @property
     def is_later(self) -> bool:
@@ -159,17 +182,17 @@ class Output:
 class JointPoint:
     """Arm angles at a time after the start, optionally with speeds, or with speeds and accelerations."""
 
-    time_s: float
-    angles_rad: Point
-    speeds_rad_s: Point | None = None
-    accelerations_rad_s2: Point | None = None
+    time_s: float = quantity('after the start', 0.0, TIME_MAX_S)
+    angles_rad: Point = read_by(finite_numbers('rad'))
+    speeds_rad_s: Point | None = read_by(finite_numbers('rad/s'), default=None)
+    accelerations_rad_s2: Point | None = read_by(finite_numbers('rad/s2'), default=None)
 
 
 @dataclass(frozen=True)
 class Joints:
     """Arm angles over time, from rest to rest; rejected instead of slowed down."""
 
-    points: tuple[JointPoint, ...]
+    points: tuple[JointPoint, ...] = entries('points', 1, JOINT_POINTS_MAX)
     strict: ClassVar[bool] = True
 
 

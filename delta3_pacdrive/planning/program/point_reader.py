@@ -1,19 +1,17 @@
 """Reader of points in program files: coordinates in a frame, named points, and relative points."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from delta3_pacdrive.configuration.key_units import in_base_unit
-from delta3_pacdrive.configuration.source_positions import numbered, place_in, place_of, place_of_key
-from delta3_pacdrive.configuration.strict_reader import Errors, Refusal, Section, nearest_of, refuse
-from delta3_pacdrive.configuration.value_readers import line_of_text, number
+from delta3_pacdrive.configuration.source_positions import place_in, place_of, place_of_key
+from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, refuse
+from delta3_pacdrive.configuration.value_readers import finite_numbers, line_of_text
 from delta3_pacdrive.errors import shown
 from delta3_pacdrive.planning.program.frames import Frame, Tool
-from delta3_pacdrive.planning.program.model import Point, Target, point_of
+from delta3_pacdrive.planning.program.model import REACH_M, Point, Target, point_of
 
-REACH_M = 10.0
 NAME_MAX = 100
 NAME = line_of_text(NAME_MAX)
 NAMES_SHOWN = 5
@@ -114,30 +112,8 @@ class PointReader:
         return Target((point[0] + step[0], point[1] + step[1], point[2] + step[2]))
 
 
-def vector(value: Any, where: str, unit: str) -> Point:
-    """Read three finite numbers."""
-    x, y, z = numbers(value, where, unit, 3)
-    return x, y, z
-
-
-def numbers(value: Any, where: str, unit: str, count: int) -> list[float]:
-    """Read a list of finite numbers of a given length."""
-    if not isinstance(value, list) or len(value) != count:
-        refuse(f'{where} must be a list of {count} numbers [{unit}], not {shown(value)}')
-    found = []
-    for item, name, place in numbered(value, where):
-        try:
-            found.append(number(item, name))
-        except Refusal as refusal:
-            refusal.place = place
-            raise
-    if not all(math.isfinite(item) for item in found):
-        refuse(f'{where} must be finite, not {shown(value)}')
-    return found
-
-
 def _near(value: Any, where: str) -> Point:
-    point = vector(value, where, 'm')
+    point: Point = finite_numbers('m')(value, where)
     if max(abs(item) for item in point) > REACH_M:
         refuse(f'{where} is {shown(value)} m, farther than {REACH_M:g} m: are these millimetres?')
     return point

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from delta3_pacdrive.configuration.schema import RecordReader, schema_of
 from delta3_pacdrive.configuration.source_positions import Place, numbered, place_in, place_of_key
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, at, expected, refuse
 from delta3_pacdrive.configuration.value_readers import (
+    finite_numbers,
     flag,
-    number,
     number_between,
     one_of,
     whole_number_between,
@@ -18,18 +19,15 @@ from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters import ROTARY_AXES_MAX
 from delta3_pacdrive.planning.limits.limit_reader import LIMIT_KEYS, blend, given_limits, limits_of
 from delta3_pacdrive.planning.limits.limits import Limits
-from delta3_pacdrive.planning.paths.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.planning.paths.move import MOVES_MAX
-from delta3_pacdrive.planning.program.frame_reader import RESERVED, Places
+from delta3_pacdrive.planning.program.frame_reader import RESERVED, Places, read_loop
 from delta3_pacdrive.planning.program.frames import Frame, Tool
 from delta3_pacdrive.planning.program.model import (
-    JOINT_POINTS_MAX,
-    Aim,
+    KINDS,
     Angle,
     Arch,
     Cubic,
     Dwell,
-    JointPoint,
     Joints,
     KeepOut,
     MoveC,
@@ -43,26 +41,28 @@ from delta3_pacdrive.planning.program.model import (
     Turn,
 )
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
-from delta3_pacdrive.planning.program.place_loop import read_loop
-from delta3_pacdrive.planning.program.point_reader import REACH_M, PointReader, Setting, named, vector
+from delta3_pacdrive.planning.program.point_reader import PointReader, Setting, named
 from delta3_pacdrive.robot.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 
-TIME_MAX_S = 3600.0  # of a dwell or a cubic
-SHIFT_MAX_S = 10.0  # of an output
 SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s', 'in_time')
-CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 TURN_MAX_RAD = 1e3  # larger angles are errors of units
-ARC_TURNS_MAX = 100
-ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
 LEVEL_M = 1e-9  # rounding tolerance for the distance from the tool axis
 LEVEL_RAD = 1e-9  # rounding tolerance for the tilt of a frame
 FOR_EACH = 'for_each'
-_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'constant_speed', 'turn_rad')
-_SETTING_KEYS = ('frame', 'tool')
 _IN_TIME = 'in_time'
+_KINDS = {name: kind for kind, name in KINDS.items()}
+_OF_POINTS = ('frame', 'tool')
+# keys of a statement that are not fields of its record
+_OTHER_KEYS: dict[type[Statement], tuple[str, ...]] = {
+    **dict.fromkeys((MoveL, MoveC, MoveSB, Arch), (*LIMIT_KEYS, *_OF_POINTS)),
+    Cubic: _OF_POINTS,
+    Turn: _OF_POINTS,
+    Joints: (),
+    Dwell: (),
+    Output: (_IN_TIME,),
+}
 Read = Callable[[Any, str], Any]
-ReadIn = Callable[[Any, str, Setting], Any]
 
 
 class ReadStatement(NamedTuple):
@@ -95,65 +95,14 @@ class Head:
         return self.setting.tool.mass_kg if self.setting.tool else 0.0
 
 
-class _Kind(NamedTuple):
-    """A kind of statement: class, readers of fields and points by key, and required keys."""
-
-    made: type[Statement]
-    fields: dict[str, tuple[str, Read]]
-    points: dict[str, tuple[str, ReadIn]]
-    required: tuple[str, ...]
-
-
 class StatementReader:
     """Reader of statements, with access to the settings in the head of the program."""
 
     def __init__(self, head: Head, points: PointReader, errors: Errors) -> None:
         self._head, self._points, self._errors = head, points, errors
         self._count = 0  # number of statements so far
-        self._kinds: dict[str, _Kind] = {
-            'move_l': _Kind(MoveL, {}, {'to_m': ('to', points.target)}, ('to_m',)),
-            'move_c': _Kind(
-                MoveC,
-                {'angle_rad': ('angle_rad', _arc_angle)},
-                {'via_m': ('via', points.target), 'to_m': ('to', points.target)},
-                ('to_m', 'via_m'),
-            ),
-            'move_sb': _Kind(MoveSB, {}, {'through_m': ('through', self._through)}, ('through_m',)),
-            'arch': _Kind(
-                Arch,
-                {
-                    'up_m': ('up_m', number_between(0.0, CLEARANCE_MAX_M)),
-                    'down_m': ('down_m', number_between(0.0, CLEARANCE_MAX_M)),
-                    'aim': ('aim', lambda value, where: Aim(one_of(tuple(Aim))(value, where))),
-                },
-                {'to_m': ('to', points.target), 'keep_out': ('keep_out', self._keep_out)},
-                ('down_m', 'to_m', 'up_m'),
-            ),
-            'cubic': _Kind(
-                Cubic,
-                {'duration_s': ('duration_s', number_between(1e-3, TIME_MAX_S))},
-                {'to_m': ('to', points.target), 'end_velocity_m_s': ('end_velocity_m_s', _velocity)},
-                ('duration_s', 'to_m'),
-            ),
-            'joints': _Kind(Joints, {'points': ('points', self._joint_points)}, {}, ('points',)),
-            'turn': _Kind(Turn, {}, {'to_rad': ('turns', self._angles)}, ('to_rad',)),
-            'dwell': _Kind(Dwell, {'time_s': ('time_s', _duration)}, {}, ('time_s',)),
-            'output': _Kind(
-                Output,
-                {
-                    'name': ('name', one_of(tuple(head.outputs))),
-                    'value': ('value', lambda value, where: float(flag(value, where))),
-                    'before_m': ('before_m', number_between(0.0, REACH_M)),
-                    'after_m': ('after_m', number_between(0.0, REACH_M)),
-                    'before_s': ('before_s', number_between(0.0, SHIFT_MAX_S)),
-                    'after_s': ('after_s', number_between(0.0, SHIFT_MAX_S)),
-                    'in_time': (_IN_TIME, flag),
-                    'payload_kg': ('payload_kg', lambda value, where: payload(value, where, head.tool_kg)),
-                },
-                {},
-                ('name', 'value'),
-            ),
-        }
+        self._setting: Setting | None = None  # of the latest reader of records
+        self._reader = RecordReader(errors)
 
     def statements(self, value: Any, where: str) -> tuple[ReadStatement, ...]:
         """Read all statements of a program; invalid ones are reported and skipped."""
@@ -167,7 +116,7 @@ class StatementReader:
                     with at(place_in(item, FOR_EACH)):
                         found.extend(self._for_each(item[FOR_EACH], f'{name}.{FOR_EACH}'))
                 else:
-                    kinds = (*self._kinds, FOR_EACH)
+                    kinds = (*_KINDS, FOR_EACH)
                     found.append(self._named(item, name, place, self._head.setting, kinds))
         return tuple(found)
 
@@ -195,7 +144,7 @@ class StatementReader:
             setting = loop.setting(n, self._head.setting)
             for item, name, place in numbered(moves, f'{where}.moves'):
                 with self._errors.noted(place):
-                    read = self._named(item, name, place, setting, tuple(self._kinds))
+                    read = self._named(item, name, place, setting, tuple(_KINDS))
                     yield read._replace(name=f'{read.name} at place {n} of {loop.name}')
 
     def _named(
@@ -212,42 +161,49 @@ class StatementReader:
             refuse(f'{where} must hold exactly one of {", ".join(kinds)}')
         ((name, content),) = value.items()
         with at(place_in(value, name)):
-            statement = self._statement(content, f'{where}.{name}', self._kinds[name], setting)
+            statement = self._statement(content, f'{where}.{name}', _KINDS[name], setting)
         return ReadStatement(statement, f'{where}.{name}', place)
 
-    def _statement(self, content: Any, where: str, kind: _Kind, setting: Setting) -> Statement:
-        along_path = issubclass(kind.made, PathMove)
-        settings = _SETTING_KEYS if kind.points else ()
-        allowed = {*kind.fields, *kind.points, *settings, *(_PATH_KEYS if along_path else ())}
-        fields = Section(content, where, self._errors, allowed, kind.required)
-        setting = self._setting(fields, setting)
-        values: dict[str, Any] = {}
-        # a missing optional key keeps the default of its field
-        for key, (name, read) in kind.fields.items():
-            if key in fields or key in kind.required:
-                values[name] = fields.read(key, read)
-        for key, (name, read_in) in kind.points.items():
-            if key in fields or key in kind.required:
-                values[name] = fields.read(key, _bound_to(setting, read_in))
-        if along_path:
-            values |= self._along_path(fields, where, setting)
-        if kind.made is Output:
+    def _statement(self, content: Any, where: str, kind: type[Statement], setting: Setting) -> Statement:
+        schema, along_path = schema_of(kind), issubclass(kind, PathMove)
+        fields = Section(content, where, self._errors, (*schema.fields, *_OTHER_KEYS[kind]), schema.required)
+        setting = self._set(fields, setting)
+        values = self._along_path(fields, where) if along_path else {}
+        if kind is Output:
             _require_one_shift(fields, where)
-            values = self._of_own_output(values)
-        return kind.made(**values)
+        values = self._bound_to(setting).values(kind, fields, known=values)
+        if kind is Output:
+            values = self._of_own_output(values, fields.read(_IN_TIME, flag, False))
+        return kind(**values)
 
-    def _of_own_output(self, values: dict[str, Any]) -> dict[str, Any]:
+    def _bound_to(self, setting: Setting) -> RecordReader:
+        """Return the reader of records for a setting."""
+        if setting is not self._setting:
+            points = self._points
+            self._setting = setting
+            self._reader = RecordReader(
+                self._errors,
+                readers={
+                    Target: lambda value, where: points.target(value, where, setting),
+                    'target': lambda value, where: points.target(value, where, setting),
+                    'angles': lambda value, where: self._angles(value, where, setting),
+                    'keep_out': lambda value, where: self._keep_out(value, where, setting),
+                    'velocity': lambda value, where: _velocity(value, where, setting),
+                    'output': one_of(tuple(self._head.outputs)),
+                    'payload': lambda value, where: payload(value, where, self._head.tool_kg),
+                },
+            )
+        return self._reader
+
+    def _of_own_output(self, values: dict[str, Any], in_time: bool) -> dict[str, Any]:
         """Replace a named output by the robot's own output, with the lead time of the connected device."""
-        in_time = values.pop(_IN_TIME, False)
-        named_output = self._head.outputs.get(values['name'] or '')  # None: already reported
-        if named_output is None:
-            return values
+        named_output = self._head.outputs[values['name']]
         values['name'] = named_output.output
-        if in_time and values['value'] is not None:
+        if in_time:
             values['before_s'] = named_output.delay_s(values['value'])
         return values
 
-    def _setting(self, fields: Section, setting: Setting) -> Setting:
+    def _set(self, fields: Section, setting: Setting) -> Setting:
         """Return the setting with frame and tool of a statement."""
         setting = setting.with_frame(fields)
         if 'tool' not in fields:
@@ -263,8 +219,8 @@ class StatementReader:
             )
         return tool
 
-    def _along_path(self, fields: Section, where: str, setting: Setting) -> dict[str, Any]:
-        """Read the keys common to all moves along a path."""
+    def _along_path(self, fields: Section, where: str) -> dict[str, Any]:
+        """Return the values of a move along a path that depend on the head of the program."""
         head = self._head
         optimal = fields.read('time_optimal', flag, head.time_optimal)
         own = given_limits(fields, head.tcp_speed_limit_m_s)
@@ -281,10 +237,8 @@ class StatementReader:
             'limits': limits_of(given, head.defaults, optimal),
             'torque_rate_n_m_s': given.get('torque_rate_n_m_s', math.inf) if optimal else math.inf,
             'blend_m': blend_m,
-            'strict': fields.read('strict', flag, False),
             'in_position': in_position,
             'constant_speed': fields.read('constant_speed', flag, head.constant_speed),
-            'turns': fields.read('turn_rad', _bound_to(setting, self._angles), ()),
         }
 
     def _angles(self, value: Any, where: str, setting: Setting) -> tuple[Angle, ...]:
@@ -308,41 +262,15 @@ class StatementReader:
 
     def _keep_out(self, value: Any, where: str, setting: Setting) -> KeepOut:
         """Read a keep-out zone; its height refers to the frame and to the working point of the tool."""
-        fields = Section(value, where, self._errors, ('height_m', 'margin_m'), ('height_m',))
-        height = fields.read('height_m', number_between(-REACH_M, REACH_M), 0.0)
-        margin = fields.read('margin_m', number_between(0.0, REACH_M), 0.0)
+        found = self._reader.record(KeepOut, value, where)
+        height = found.height_m
         setting.require_frame(where)
         if setting.frame is not None:
             _require_upright(setting.frame, where, 'a height')
             height += setting.frame.in_base.origin_m[2]
         if setting.tool is not None:
             height -= setting.tool.offset_m[2]
-        return KeepOut(height, margin)
-
-    def _joint_points(self, points: Any, where: str) -> tuple[JointPoint, ...]:
-        if not isinstance(points, list) or not points:
-            refuse(f'{where} must be a list of at least one point')
-        if len(points) > JOINT_POINTS_MAX:
-            refuse(f'{where} has {len(points)} points, the limit is {JOINT_POINTS_MAX}')
-        return each(points, where, self._errors, self._joint_point)
-
-    def _joint_point(self, value: Any, where: str) -> JointPoint:
-        required = ('angles_rad', 'time_s')
-        allowed = (*required, 'accelerations_rad_s2', 'speeds_rad_s')
-        fields = Section(value, where, self._errors, allowed, required)
-        return JointPoint(
-            fields.read('time_s', number_between(0.0, TIME_MAX_S), 0.0),
-            fields.read('angles_rad', lambda angles, name: vector(angles, name, 'rad'), (0.0, 0.0, 0.0)),
-            fields.read('speeds_rad_s', lambda speeds, name: vector(speeds, name, 'rad/s'), None),
-            fields.read('accelerations_rad_s2', lambda values, name: vector(values, name, 'rad/s2'), None),
-        )
-
-    def _through(self, points: Any, where: str, setting: Setting) -> tuple[Target, ...]:
-        if not isinstance(points, list) or not points:
-            refuse(f'{where} must be a list of at least one point')
-        if len(points) > SPLINE_POINTS_MAX:
-            refuse(f'{where} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
-        return each(points, where, self._errors, _bound_to(setting, self._points.target))
+        return KeepOut(height, found.margin_m)
 
 
 def each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
@@ -389,16 +317,6 @@ def _require_upright(frame: Frame, where: str, what: str) -> None:
         refuse(f'{where}: {what} needs a frame whose z axis is upright, not one tilted by {tilt:.3g} deg')
 
 
-def _arc_angle(value: Any, where: str) -> float:
-    angle = number(value, where)
-    if not 0.0 < angle <= ARC_MAX_RAD + ARC_ROUNDING_RAD:
-        refuse(
-            f'{where} is {angle:g} rad, but must be positive and at most {ARC_MAX_RAD:.6g} rad '
-            f'({ARC_TURNS_MAX} turns); exchange via and to for the other direction'
-        )
-    return angle
-
-
 def turn(value: Any, where: str) -> float:
     """Read an angle of the tool [rad]."""
     return number_between(-TURN_MAX_RAD, TURN_MAX_RAD)(value, where)
@@ -415,11 +333,6 @@ def _in_base(angle: Angle, where: str, setting: Setting) -> Angle:
     return Angle(angle.angle_rad + setting.frame.in_base.roll_pitch_yaw_rad[2])
 
 
-def _bound_to(setting: Setting, read: ReadIn) -> Read:
-    """Return a reader bound to a setting."""
-    return lambda value, where: read(value, where, setting)
-
-
 def _is_loop(value: Any) -> bool:
     return isinstance(value, dict) and len(value) == 1 and FOR_EACH in value
 
@@ -431,14 +344,7 @@ def _moves(value: Any, where: str) -> list[Any]:
 
 
 def _velocity(value: Any, where: str, setting: Setting) -> Point:
-    velocity = vector(value, where, 'm/s')
+    velocity: Point = finite_numbers('m/s')(value, where)
     if max(abs(item) for item in velocity) > VELOCITY_MAX_M_S:
         refuse(f'{where} may be up to {VELOCITY_MAX_M_S:g} m/s on each axis')
     return setting.along_base(velocity, where)
-
-
-def _duration(value: Any, where: str) -> float:
-    time = number(value, where)
-    if not 0.0 < time <= TIME_MAX_S:
-        refuse(f'{where} is {time}, but must be positive and at most {TIME_MAX_S:g}')
-    return time
