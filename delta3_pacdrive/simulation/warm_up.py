@@ -48,7 +48,7 @@ def load_kernels(parameters: Parameters) -> None:
     _stand(parameters)
 
 
-KERNELS = 184  # of a plain robot
+KERNELS = 182  # of a plain robot
 Show = Callable[[int, int], None]
 
 
