@@ -1,10 +1,10 @@
-"""Compilation of hot scalar loops, cached on disk by the content of their sources.
+"""Compilation of hot scalar loops, cached on disk by the content of the sources.
 
 Numba's disk cache detects changes of the file of a function, but not of the functions it calls, and identifies a
-file by its path. Here the folder of a module's kernels is named after a digest of the module and all modules that it
-imports, directly or indirectly. A changed formula or constant never uses an old binary, an edit of a report does not
-trigger a compilation, and copies of the same sources share their binaries. Fast-math is off, so that compiled kernels
-give the same bits wherever they are called from.
+file by its path. Here the folder of the kernels is named after a digest of all packages that have kernels or that these
+import. A changed formula or constant never uses an old binary, an edit of a report does not trigger a compilation, and
+copies of the same sources share their binaries. Fast-math is off, so that compiled kernels give the same bits wherever
+they are called from.
 
 Arguments of the kernel:
 
@@ -20,7 +20,6 @@ import fcntl
 import hashlib
 import math
 import os
-import re
 import shutil
 import sys
 import time
@@ -57,12 +56,10 @@ def _import_arrays_of_numba() -> None:
 _import_arrays_of_numba()
 _PACKAGE = Path(__file__).parents[1]
 _NAME = _PACKAGE.name
-_IMPORT = re.compile(
-    rf'^[ \t]*(?:from[ \t]+({_NAME}[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+({_NAME}[\w.]*))',
-    re.M,
-)
+# packages above all that have kernels: what they contain changes no kernel
+WITHOUT_KERNELS = ('benchmarks', 'bringup', 'cli', 'ros', 'scripting', 'studies', 'verification', 'view')
 POLL_S = 0.1
-MARK = 'complete-'  # prefix of files that mark versions as compiled
+MARK = 'complete'  # beginning of the names of files that mark a version as compiled for a kind of robot
 VERSIONS_KEPT, DAY_S = 4, 86_400.0
 TURN_S, TURN_MAX_S = 5e-3, 20.0  # polling period and timeout while another process compiles a kernel
 
@@ -77,45 +74,19 @@ def sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def modules_behind(module: str) -> set[str]:
-    """Return a module and all modules of this package that it imports, directly or indirectly."""
-    found: set[str] = set()
-    new = {module}
-    while new:
-        found |= new
-        new = {other for name in new for other in _imports(name)} - found
-    return found
+@cache
+def kernel_sources() -> dict[str, bytes]:
+    """Return the contents of all files on which kernels may depend, by relative path."""
+    tops = (path for path in _PACKAGE.iterdir() if path.name not in WITHOUT_KERNELS)
+    files = (file for top in tops for file in ([top] if top.suffix == '.py' else top.rglob('*.py')))
+    return {file.relative_to(_PACKAGE).as_posix(): file.read_bytes() for file in sorted(files)}
 
 
 @cache
-def _source(module: str) -> bytes | None:
-    """Return the content of a module's file, None for an unknown module."""
-    path = _PACKAGE.joinpath(*module.split('.')[1:])
-    for file in (path / '__init__.py', path.with_suffix('.py')):
-        with suppress(OSError):
-            return file.read_bytes()
-    return None
-
-
-@cache
-def _imports(module: str) -> frozenset[str]:
-    found = {
-        module.rsplit('.', depth)[0] for depth in range(1, module.count('.'))
-    }  # enclosing packages are imported first
-    for origin, names, plain in _IMPORT.findall((_source(module) or b'').decode()):
-        found.add(origin or plain)
-        words = [word.split()[0] for word in names.strip('()').split(',') if word.strip()]
-        found.update(f'{origin}.{word}' for word in words)
-    found.discard(_PACKAGE.name)  # the public API imports everything and contains no formula
-    return frozenset(name for name in found if _source(name) is not None)
-
-
-@cache
-def digest_behind(module: str) -> str:
-    """Return a short digest of a module and all that it imports."""
+def version() -> str:
+    """Return a short digest of all files on which kernels may depend."""
     digest = hashlib.sha256()
-    for name in sorted(modules_behind(module)):
-        content = _source(name) or b''
+    for name, content in kernel_sources().items():
         digest.update(f'{name} {len(content)}\n'.encode() + content)
     return digest.hexdigest()[:16]
 
@@ -163,33 +134,26 @@ def cache_directory() -> Path:
 CACHE_DIRECTORY = cache_directory()
 
 
+FOLDER = CACHE_DIRECTORY / version()
+
+
 @cache
-def modules_with_kernels() -> tuple[str, ...]:
-    """Return the names of the modules that have kernels."""
-    names = (path.relative_to(_PACKAGE.parent).with_suffix('') for path in _PACKAGE.rglob('*.py'))
-    modules = sorted('.'.join(path.parts) for path in names)
-    return tuple(name for name in modules if b'\n@kernel\n' in (_source(name) or b''))
-
-
-def _folder(module: str) -> Path:
-    """Return the folder of a module's kernels."""
-    return CACHE_DIRECTORY / f'{module.removeprefix(_NAME + ".")}-{digest_behind(module)}'
+def kernels() -> int:
+    """Return the number of kernels; a robot without optional parts needs fewer."""
+    return sum(content.count(b'\n@kernel\n') for content in kernel_sources().values())
 
 
 def compiled() -> int:
     """Return the number of kernels compiled so far by all processes."""
-    done = 0
-    for module in modules_with_kernels():
-        with suppress(FileNotFoundError):
-            done += sum(name.endswith('.nbi') for name in os.listdir(_folder(module)))
-    return done
+    try:
+        return sum(name.endswith('.nbi') for name in os.listdir(FOLDER))
+    except FileNotFoundError:
+        return 0
 
 
-def _complete(kind: str) -> tuple[Path, str]:
-    """Return the file that marks these sources as compiled for a kind of robot, and its content: the folders."""
-    folders = ' '.join(_folder(module).name for module in modules_with_kernels())
-    digest = hashlib.sha256(folders.encode()).hexdigest()[:16]
-    return CACHE_DIRECTORY / f'{MARK}{digest}{kind and "-"}{kind}', folders
+def _mark(kind: str) -> Path:
+    """Return the file that marks the kernels of a kind of robot as compiled."""
+    return FOLDER / f'{MARK}{kind and "-"}{kind}'
 
 
 def all_compiled(kind: str = '') -> bool:
@@ -197,39 +161,26 @@ def all_compiled(kind: str = '') -> bool:
 
     The default kind is the plain robot; all other kinds also require its kernels.
     """
-    mark, _ = _complete(kind)
-    try:
-        os.utime(mark)  # still in use
-    except FileNotFoundError:
-        return False
-    except OSError:
-        return mark.exists()
-    return True
+    with suppress(OSError):
+        os.utime(FOLDER)  # still in use
+    return _mark(kind).exists()
 
 
 def mark_compiled(kind: str = '') -> None:
     """Mark the kernels of a kind of robot as compiled, and remove old versions."""
-    mark, folders = _complete(kind)
     with suppress(OSError):  # without the mark, the state is determined anew each time
-        mark.write_text(folders, encoding='utf-8')
+        FOLDER.mkdir(exist_ok=True)
+        _mark(kind).touch()
         _remove_old()
 
 
 def _remove_old() -> None:
-    """Remove all kernels except those of the latest ``VERSIONS_KEPT`` versions and those younger than a day."""
-    marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: -mark.stat().st_mtime)
-    folders = {mark: mark.read_text(encoding='utf-8') for mark in marks}
-    versions = list(dict.fromkeys(folders.values()))[
-        :VERSIONS_KEPT
-    ]  # a version may have several kinds of robots
-    kept = {name for version in versions for name in version.split()}
+    """Remove all versions except the latest ``VERSIONS_KEPT`` and those used within a day."""
+    versions = [folder for folder in CACHE_DIRECTORY.iterdir() if folder.is_dir()]
+    used = {folder: folder.stat().st_mtime for folder in versions}
     yesterday = time.time() - DAY_S
-    for mark in marks:
-        if folders[mark] not in versions:
-            mark.unlink()
-    for folder in CACHE_DIRECTORY.iterdir():
-        # another version may be using a younger one
-        if folder.is_dir() and folder.name not in kept and folder.stat().st_mtime < yesterday:
+    for folder in sorted(versions, key=lambda folder: -used[folder])[VERSIONS_KEPT:]:
+        if used[folder] < yesterday:
             shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -271,21 +222,20 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
     """Finds the files of a kernel by the content of its sources, independent of their path."""
 
     def __init__(self, function: Any) -> None:
-        self._line = function.__code__.co_firstlineno
-        self._folder = _folder(function.__module__)
+        self._place = f'{function.__module__}-{function.__code__.co_firstlineno}'
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> '_Locator':
         return cls(py_func)
 
     def get_cache_path(self) -> str:
-        return str(self._folder)
+        return str(FOLDER)
 
     def get_source_stamp(self) -> str:
-        return self._folder.name
+        return FOLDER.name
 
     def get_disambiguator(self) -> str:
-        return str(self._line)
+        return self._place
 
 
 class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]

@@ -2,7 +2,6 @@
 
 from delta3_pacdrive.simulation.run import placed, plan_of, run
 from delta3_pacdrive.simulation.warm_up import (
-    KERNELS,
     compile_kernels,
     load_cyclic_kernels,
     load_kernels,
@@ -11,7 +10,6 @@ from delta3_pacdrive.simulation.warm_up import (
 )
 
 __all__ = [
-    'KERNELS',
     'compile_kernels',
     'load_cyclic_kernels',
     'load_kernels',

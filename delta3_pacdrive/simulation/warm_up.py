@@ -16,6 +16,7 @@ from delta3_pacdrive.numerics.kernel import (
     all_compiled,
     alone,
     compiled,
+    kernels,
     mark_compiled,
     shared,
     watched,
@@ -48,7 +49,6 @@ def load_kernels(parameters: Parameters) -> None:
     _stand(parameters)
 
 
-KERNELS = 182  # of a plain robot
 Show = Callable[[int, int], None]
 
 
@@ -64,7 +64,7 @@ def compile_kernels(parameters: Parameters | None = None, show: Show = lambda do
 
     """
     if not all_compiled():
-        _compile_together(core.load(), lambda: show(min(compiled(), KERNELS), KERNELS))
+        _compile_together(core.load(), lambda: show(compiled(), kernels()))
     if parameters is not None and parameters.kind and not all_compiled(parameters.kind):
         before = compiled()
         _compile_together(parameters, lambda: show(compiled() - before, 0))

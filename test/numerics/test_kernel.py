@@ -106,7 +106,6 @@ def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, f
         'studies/runs/run_figures.py',
         'cli/plot.py',
         'studies/drives/tuning/report.py',
-        'planning/program_planner.py',
         'ros/nodes/plant.py',
     ):
         with (copy / PACKAGE.name / name).open('a') as file:
@@ -196,47 +195,34 @@ MARK_COMPILED = """
 import json, os
 from delta3_pacdrive.numerics import kernel
 kernel.mark_compiled()
-print(json.dumps({'compiled': kernel.all_compiled(), 'left': sorted(os.listdir(kernel.CACHE_DIRECTORY))}))
+left = {name for name in os.listdir(kernel.CACHE_DIRECTORY) if not name.endswith('lock')}
+print(json.dumps({'compiled': kernel.all_compiled(), 'folder': str(kernel.FOLDER), 'left': sorted(left)}))
 """
 
 
 def test_kernels_that_no_version_of_late_has_used_are_removed(tmp_path):
-    (first,) = [name for name in output_of(MARK_COMPILED, tmp_path)['left'] if name.startswith(kernel.MARK)]
-    (cache,) = (path.parent for path in tmp_path.rglob(first))
-    old = time.time() - 2.0 * kernel.DAY_S
+    present = Path(output_of(MARK_COMPILED, tmp_path)['folder'])
+    now = time.time()
     for version in range(kernel.VERSIONS_KEPT + 1):  # the later, the longer ago
-        for path in (
-            cache / f'{kernel.MARK}{version}',
-            cache / f'motor-{version}',
-            cache / 'motor-unfinished',
-        ):
-            if path.name.startswith('motor'):
-                path.mkdir(exist_ok=True)
-            else:
-                path.write_text(f'motor-{version} path-{version}', encoding='utf-8')
-            os.utime(path, (old - version, old - version))
-    last = cache / f'{kernel.MARK}0'
-    (kind := last.with_name(f'{last.name}-built')).write_text(
-        last.read_text(encoding='utf-8'), encoding='utf-8'
-    )
-    os.utime(kind, (old, old))  # of a version there may be several kinds of robots
-    (cache / 'motor-today').mkdir()
+        (folder := present.with_name(f'old-{version}')).mkdir()
+        (folder / kernel.MARK).touch()
+        used = now - 2.0 * kernel.DAY_S - version
+        os.utime(folder, (used, used))
     answer = output_of(MARK_COMPILED, tmp_path)
-    others = kernel.VERSIONS_KEPT - 1  # beside the present one
-    kept = [f'{kernel.MARK}{n}' for n in range(others)] + [f'motor-{n}' for n in range(others)] + [kind.name]
     assert answer['compiled']
-    assert answer['left'] == sorted([*kept, first, 'motor-today'])
+    others = [f'old-{n}' for n in range(kernel.VERSIONS_KEPT - 1)]  # beside the present one
+    assert answer['left'] == sorted([present.name, *others])
+    for n in range(2 * kernel.VERSIONS_KEPT):
+        present.with_name(f'today-{n}').mkdir()
+    assert len(output_of(MARK_COMPILED, tmp_path)['left']) == 2 * kernel.VERSIONS_KEPT + 1
 
 
 def test_a_version_that_is_used_is_not_old(tmp_path):
-    (mark,) = [name for name in output_of(MARK_COMPILED, tmp_path)['left'] if name.startswith(kernel.MARK)]
-    (path,) = tmp_path.rglob(mark)
-    os.utime(path, (1e9, 1e9))
-    assert (
-        output_of('from delta3_pacdrive.numerics import kernel\nprint(int(kernel.all_compiled()))', tmp_path)
-        == 1
-    )
-    assert path.stat().st_mtime > 1e9
+    folder = Path(output_of(MARK_COMPILED, tmp_path)['folder'])
+    os.utime(folder, (1e9, 1e9))
+    program = 'from delta3_pacdrive.numerics import kernel\nprint(int(kernel.all_compiled()))'
+    assert output_of(program, tmp_path) == 1
+    assert folder.stat().st_mtime > 1e9
 
 
 def catches_sigterm(process):
