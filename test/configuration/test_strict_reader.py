@@ -36,7 +36,7 @@ PROGRAM_MISTAKES = [
 ]
 FAULT = '{fault: encoder_jump, axis: axis9, jump_rad: yes, after: 1}'
 FAULT_MISTAKES = [
-    "line 1, column 29: fault.axis is 'axis9', but must be one of axis1, axis2, axis3, axis4: did you mean axis",
+    "line 1, column 29: fault.axis is 'axis9', but must be one of axis1, axis2, axis3, axis4, axis5: did you mean axis",
     'line 1, column 46: fault.jump_rad must be a number, not True',
     "line 1, column 51: fault: unknown key 'after', expected one of after_s, axis, fault, for_s, jump_rad: "
     'did you mean after_s?',
