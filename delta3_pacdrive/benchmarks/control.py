@@ -1,4 +1,7 @@
-"""``delta3 bench control``: the packaging cycle with each controller, on the robot it knows and on others."""
+"""``delta3 bench control``: the packaging cycle with each controller, on the robot of its model and on others.
+
+``known`` are the parameters of the controller, ``machine`` those of the driven robot.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -28,8 +31,8 @@ from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 
 PACKAGING, FAST = 'packaging', 'packaging_fast'
 ROUNDS = 3
-MASSES_OFF = 0.3
-LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0
+MASSES_OFF = 0.3  # relative error of all masses
+LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0  # a controller, and the settings of its learning
 SHAFT_SPEED_RAD_S = 10.0  # at which ``tune`` linearizes friction
 MM = 1e3
 
@@ -45,8 +48,8 @@ class Controller:
     def parameters(self, built: bool) -> Parameters:
         """Return the parameters; a built robot gets the arm lengths that the controller assumes."""
         built_file = 'rich' if self.file == core.THESIS_CONTROLLER else f'rich+{self.file}'
-        own = core.load(built_file if built else self.file)
-        return own.replace(control__shaping=self.shaping, rich__geometry=False)
+        loaded = core.load(built_file if built else self.file)
+        return loaded.replace(control__shaping=self.shaping, rich__geometry=False)
 
 
 CONTROLLERS = {
@@ -69,7 +72,7 @@ class Row:
     true_error_rms_m: float
     peak_current_a: float  # of the motor with the largest
     rms_current_a: float  # of the motor with the largest
-    heat: float  # square of the rms current over the nominal current
+    heat: float  # (rms current / nominal current)^2
     lost_j: float  # in windings and friction, per round
     cycle_s: float
     planning_s: float
@@ -95,13 +98,13 @@ def measure(
                 found[name][robot] = asdict(_row(name, robot))
             except Delta3Error as error:
                 found[name][robot] = {'failed': str(error)}
-    kept = {robot: asdict(margins(robot)) for robot in robots}
+    least_margins = {robot: asdict(margins(robot)) for robot in robots}
     return {
         'program': PACKAGING,
         'time_optimal_program': FAST,
         'rounds': ROUNDS,
         'controllers': found,
-        'margins': kept,
+        'margins': least_margins,
     }
 
 
@@ -115,7 +118,7 @@ def margins(robot: str) -> Kept:
 
 
 def _machine(known: Parameters, robot: str) -> Parameters:
-    """Return the driven robot, which may differ from the one the controller knows."""
+    """Return the parameters of the driven robot, which may differ from those of the controller."""
     if robot in (LIGHTER, HEAVIER):
         return with_masses(known, 1.0 - MASSES_OFF if robot == LIGHTER else 1.0 + MASSES_OFF)
     return known
@@ -146,9 +149,9 @@ def _learned(chosen: Controller, program: Program, known: Parameters, machine: P
     study = Study(settings, Path(LEARNED), '', silent)  # writes nothing unless it is run
     study.program = program
     study.robot, study.machine = (simulation.placed(one, program) for one in (known, machine))
-    kept: list[Learned] = []
-    study.learned(lambda learned, number: kept.append(learned))
-    return kept[-1]
+    improvements: list[Learned] = []
+    study.learned(lambda learned, number: improvements.append(learned))
+    return improvements[-1]
 
 
 def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
@@ -156,17 +159,17 @@ def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
     if meta['stopped']:
         raise Delta3Error(meta['stopped'])
     figures = meta['figures']
-    driven = slice(meta['start_cycle'], meta['end_cycle'] + SETTLE_CYCLES)
+    measured = slice(meta['start_cycle'], meta['end_cycle'] + SETTLE_CYCLES)
     # true and actual TCP are recorded at the same instant
-    off = (trace['tcp_error'] + trace['tcp_actual'] - trace['tcp_true'])[driven]
-    true = np.linalg.norm(off, axis=1)
+    true_error = (trace['tcp_error'] + trace['tcp_actual'] - trace['tcp_true'])[measured]
+    distances = np.linalg.norm(true_error, axis=1)
     energy = energy_of_round(trace, machine, meta['repeat'])
     rms_a = max(figures['current_rms_a'])
     return Row(
         error_max_m=figures['tcp_error_max_m'],
         error_rms_m=figures['tcp_error_rms_m'],
-        true_error_max_m=float(true.max()),
-        true_error_rms_m=float(np.sqrt((true**2).mean())),
+        true_error_max_m=float(distances.max()),
+        true_error_rms_m=float(np.sqrt((distances**2).mean())),
         peak_current_a=max(figures['current_peak_a']),
         rms_current_a=rms_a,
         heat=(rms_a / machine.motor.nominal_current_a) ** 2,
@@ -188,12 +191,12 @@ def text(result: dict[str, Any]) -> Iterator[str]:
             if 'failed' in row:
                 yield f'{controller:>13} {robot:>14} {row["failed"]}'
                 continue
-            own = Row(**row)
+            figures = Row(**row)
             yield (
-                f'{controller:>13} {robot:>14} {MM * own.error_max_m:7.3f} /{MM * own.error_rms_m:6.3f} '
-                f'{MM * own.true_error_max_m:7.3f} /{MM * own.true_error_rms_m:6.3f} {own.peak_current_a:5.2f} A '
-                f'{own.rms_current_a:5.2f} A {100.0 * own.heat:4.0f} % '
-                f'{own.lost_j:5.1f} J {own.cycle_s:6.3f} s {MM * own.planning_s:7.0f} ms'
+                f'{controller:>13} {robot:>14} {MM * figures.error_max_m:7.3f} /{MM * figures.error_rms_m:6.3f} '
+                f'{MM * figures.true_error_max_m:7.3f} /{MM * figures.true_error_rms_m:6.3f} '
+                f'{figures.peak_current_a:5.2f} A {figures.rms_current_a:5.2f} A {100.0 * figures.heat:4.0f} % '
+                f'{figures.lost_j:5.1f} J {figures.cycle_s:6.3f} s {MM * figures.planning_s:7.0f} ms'
             )
     yield (
         f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of every controller'

@@ -25,8 +25,8 @@ from delta3_pacdrive.bringup.scheduling import (
     SLICE_S,
     Schedule,
     give_up_real_time,
-    prefer,
     real_time_is_permitted,
+    set_scheduling,
 )
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
@@ -195,7 +195,7 @@ def _measure_machine(seconds: float) -> dict[str, Any]:
     """Measure the lateness of a loop that only sleeps until the next millisecond, in real time if permitted."""
     from delta3_pacdrive.robot.sercos.scheduler import Histogram
 
-    prefer(Schedule.REAL_TIME)
+    set_scheduling(Schedule.REAL_TIME)
     lateness = Histogram()
     start = time.monotonic()
     for cycle in range(round(seconds * 1e3)):

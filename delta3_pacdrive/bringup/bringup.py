@@ -28,7 +28,7 @@ from delta3_pacdrive.bringup.robot_processes import (
     PhaseWatch,
     RobotProcesses,
 )
-from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+from delta3_pacdrive.bringup.scheduling import Schedule, set_scheduling
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TraceError
 from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.program_planner import Planned
@@ -146,7 +146,7 @@ class Bringup:
         )
         gc.freeze()  # the collector would touch all objects and thereby copy their pages in every child
         self._processes.start()
-        prefer(self._schedule)  # before the transport starts threads, which inherit it
+        set_scheduling(self._schedule)  # before the transport starts threads, which inherit it
         self._join()
 
     def _join(self) -> None:

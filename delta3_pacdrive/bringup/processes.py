@@ -17,7 +17,7 @@ from pathlib import Path
 
 import psutil
 
-from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+from delta3_pacdrive.bringup.scheduling import Schedule, set_scheduling
 
 _PR_SET_PDEATHSIG = 1
 
@@ -67,7 +67,7 @@ def spawn(
     status = 1
     try:
         _become_child(name, parent, log)
-        prefer(schedule)
+        set_scheduling(schedule)
         status = main()
     except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
         import traceback
@@ -98,7 +98,7 @@ def main() -> int:
     """Run a restarted child."""
     name, parent, log, schedule, module, *arguments = sys.argv[1:]
     _become_child(name, int(parent), Path(log))
-    prefer(Schedule[schedule])
+    set_scheduling(Schedule[schedule])
     sys.argv = [module, *arguments]
     return int(importlib.import_module(module).main())
 

@@ -11,9 +11,9 @@ from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
-REAL_TIME_PRIORITY = 20  # above all ordinary processes, below the kernel's threads
+REAL_TIME_PRIORITY = 20  # above all ordinary processes, below the threads of the Linux kernel
 PREFERRED_NICENESS = -10
-SLICE_S = 1e-4  # of an ordinary process: limits the waiting time of others for its core
+SLICE_S = 1e-4  # time slice of an ordinary process; short, so that others wait less for its core
 NOT_PERMITTED = (
     'real-time scheduling is not permitted here: on a quiet machine one cycle in some 10,000 starts late, and AT take '
     'up to 30 ms, on a busy one more; a line "USER - rtprio '
@@ -67,7 +67,7 @@ def give_up_real_time() -> None:
     raise OSError(ctypes.get_errno(), 'cannot remove the permission of real-time scheduling')
 
 
-def prefer(schedule: Schedule) -> None:
+def set_scheduling(schedule: Schedule) -> None:
     """Set the scheduling of this thread and its children, if the system permits it."""
     if schedule is Schedule.REAL_TIME:
         try:

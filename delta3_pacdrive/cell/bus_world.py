@@ -1,6 +1,6 @@
 """The cell as a bus participant: receives outputs with the MDT and sends inputs with the AT.
 
-Free of ROS: a ``WorldPort`` sends. Outputs of the MDT of one bus cycle take effect in the next.
+Messages leave through a ``WorldPort``, without ROS. Outputs of the MDT of one bus cycle take effect in the next.
 """
 
 from collections import deque
@@ -50,7 +50,7 @@ class BusWorld:
     def __init__(self, world: World, port: WorldPort, outputs: OutputNames = OWN) -> None:
         self._world, self._port, self._outputs = world, port, outputs
         self._commands: deque[tuple[int, int]] = deque(maxlen=COMMANDS_MAX)
-        self._known = -1  # latest bus cycle whose outputs were received
+        self._known = -1  # latest bus cycle with received outputs
         self.outputs, self.cycle = 0, -1
 
     def begin(self, cycle: int) -> None:
@@ -117,7 +117,7 @@ class BusWorld:
         self._world.drop_part(self.cycle + 1)
 
     def force(self, name: str, value: bool | None) -> Reason | str:
-        """Force an input to a value, or remove the override (None); return the error, or a confirmation."""
+        """Force an input to a value, or no longer (None); return the error, or a confirmation."""
         inputs = self._world.inputs
         if name not in inputs:
             known = ', '.join(inputs) or 'none'

@@ -1,7 +1,7 @@
 """Strict reader of cell files; reports up to ten errors, each with file, line and column.
 
 name: one cup                   # optional
-seed: 1                         # optional: of all random effects
+seed: 1                         # optional: seed of all random effects
 drop_max_mm: 5                  # optional: a part released higher above its support falls
 outputs:                        # optional: names of robot outputs, delays of the connected devices
   clamp: {output: output2, delays: {on_s: 0.05, off_s: 0.03}}
@@ -9,11 +9,11 @@ cup:                            # optional
   output: gripper               # or a name in outputs, whose delays are then those of the valve
   diameter_mm: 40
   vacuum_pa: 60000
-  open_share: 0.1               # optional: share of the vacuum without a part
+  open_share: 0.1               # optional: fraction of vacuum_pa that the cup reaches without a part
   build_up_s: 0.008             # optional: time constants
   decay_s: 0.005
-  height_tolerance_mm: 1.5      # optional: vertical distance from cup to top of a part
-  lateral_tolerance_mm: 5       # optional
+  height_tolerance_mm: 1.5      # optional: largest vertical distance from cup to top of a part
+  lateral_tolerance_mm: 5       # optional: largest horizontal distance
   offset_mm: [0, 0, 0]          # optional: from the TCP to the cup
   valve: {on_s: 0.005, off_s: 0.005}
   switch: {input: vacuum, on_pa: 40000, off_pa: 30000, delays: {on_s: 0.001, off_s: 0.001, bounce_s: 0}}
@@ -22,7 +22,7 @@ parts:
 supplies:
   infeed: {part: carton, at_mm: [-150, 0, -870], angle_deg: 0, count: 10, refill_s: 0.1}
 boxes:
-  outfeed: {at_mm: [150, 0, -870], columns: 1, rows: 1, pitch_mm: [0, 0], clears_s: 0.1}
+  outfeed: {at_mm: [150, 0, -870], columns: 1, rows: 1, pitch_mm: [0, 0], clears_s: 0.1}  # until a part is removed
 belts:                            # at most 4
   line:
     origin_mm: [-300, 100, -870]  # middle of the surface at the start of the belt
@@ -65,7 +65,7 @@ from delta3_pacdrive.errors import CellError, shown
 from delta3_pacdrive.parameters import config_directory
 from delta3_pacdrive.planning.paths.move import OUTPUTS
 
-JUMP_MAX_M = 10.0
+JUMP_MAX_M = 10.0  # of a belt encoder
 SECTIONS = ('cup', 'parts', 'supplies', 'boxes', 'belts', 'inputs', 'outputs')  # identify a cell file
 
 

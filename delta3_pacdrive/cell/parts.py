@@ -54,7 +54,7 @@ class PartRecord:
     Attributes
     ----------
     hold_needed_n, hold_force_n, hold_cycle
-        Required and available force [N] and bus cycle at that moment.
+        Required and available holding force [N], and bus cycle, at the moment of ``hold_use``.
 
     """
 
@@ -70,7 +70,7 @@ class PartRecord:
     hold_force_n: float = 0.0
     hold_cycle: int = -1
     released_cycle: int = -1  # bus cycle in which it left the cup; -1: never
-    where: str = ''  # box
+    where: str = ''  # box, supply or belt on which it was put
     place: int = -1  # number of the place in the box: layer by layer, along x first; -1 without a box
     place_error_m: Place = (0.0, 0.0, 0.0)  # distance from that place in x and y, and height of fall
     size_m: Place = (0.0, 0.0, 0.0)
@@ -113,20 +113,20 @@ class Part:
         self,
         cycle: int,
         how: How,
-        seen_from_m: Place = (0.0, 0.0, 0.0),
+        origin_m: Place = (0.0, 0.0, 0.0),
         belt: str = '',
         count: int = 0,
         turn_rad: float = 0.0,
     ) -> None:
-        """Append a stay to the record, relative to a point [m] and a tool angle [rad]."""
-        x, y, z = (own - other for own, other in zip(self.at_m, seen_from_m, strict=True))
+        """Append a stay to the record, with the pose relative to ``origin_m`` [m] and ``turn_rad`` [rad]."""
+        x, y, z = (own - other for own, other in zip(self.at_m, origin_m, strict=True))
         x, y, z = (round(value, DIGITS) for value in turned((x, y, z), -turn_rad))
         angle = round(self.angle_rad - turn_rad, DIGITS)
         stays = self.record.stays
         stays.append(Stay(cycle=cycle, how=how, at_m=(x, y, z), angle_rad=angle, belt=belt, count=count))
         del stays[:-STAYS_MAX]
 
-    def is_above(self, other: 'Part') -> bool:
+    def overlaps(self, other: 'Part') -> bool:
         """Whether the footprints of this part and another overlap, both taken as aligned with x and y."""
         mine, its = self.type.size_m, other.type.size_m
         return all(abs(self.at_m[i] - other.at_m[i]) < 0.5 * (mine[i] + its[i]) for i in range(2))
@@ -134,7 +134,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Landing:
-    """Support of a released part: its height [m], box, place, and distance from the place [m]."""
+    """Support of a released part: height [m], name of box, supply or belt, place, and distance from the place [m]."""
 
     height_m: float
     where: str = ''
@@ -148,24 +148,24 @@ def landing(part: Part, boxes: Iterable[Box], lying: Iterable[Part]) -> Landing 
     Parameters
     ----------
     part
-        Part at the position of release.
+        The part, at the position of its release.
     boxes
-        Boxes of the cell.
+        Boxes of the cell, and its supplies as boxes of one place.
     lying
         All other parts; the highest one below supports the part.
 
     """
     x, y, _ = part.at_m
-    floor: Landing | None = None
+    base: Landing | None = None
     for box in boxes:
         number, dx, dy = box.nearest(x, y)
         half = (_reach(box.columns, box.pitch_m[0], part, 0), _reach(box.rows, box.pitch_m[1], part, 1))
-        if abs(dx) <= half[0] and abs(dy) <= half[1] and (floor is None or box.at_m[2] > floor.height_m):
-            floor = Landing(box.at_m[2], box.name, number, (dx, dy))
-    height = max((one.top_m[2] for one in lying if part.is_above(one)), default=-math.inf)
-    if floor is None:
+        if abs(dx) <= half[0] and abs(dy) <= half[1] and (base is None or box.at_m[2] > base.height_m):
+            base = Landing(box.at_m[2], box.name, number, (dx, dy))
+    height = max((one.top_m[2] for one in lying if part.overlaps(one)), default=-math.inf)
+    if base is None:
         return None if height == -math.inf else Landing(height)
-    return Landing(max(height, floor.height_m), floor.where, floor.place, floor.error_m)
+    return Landing(max(height, base.height_m), base.where, base.place, base.error_m)
 
 
 def _reach(count: int, pitch_m: float, part: Part, i: int) -> float:

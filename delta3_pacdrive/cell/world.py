@@ -1,4 +1,7 @@
-"""Simulation of the cell around a robot, one bus cycle at a time."""
+"""Simulation of the cell around a robot, one bus cycle at a time.
+
+The module is long because parts pass between supplies, belts, cup and boxes within one bus cycle, in a fixed order.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +22,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.planning.paths.move import OUTPUTS
 from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
 
-FAULT_OF_RUN = 'it fell off by an injected fault'
+DROPPED_BY_FAULT = 'it fell off by an injected fault'
 
 
 class World:
@@ -46,13 +49,13 @@ class World:
         self.inputs: dict[str, bool] = dict.fromkeys(cell.input_names, False)
         self.forced: dict[str, bool] = {}
         self.records: list[PartRecord] = []
-        self._came = 0  # number of parts so far
+        self._parts_so_far = 0
         self.changed: list[PartRecord] = []
-        self._lying: dict[int, Part] = {}
-        self._clearing: list[tuple[int, int]] = []  # bus cycle, number of the part
-        self._tcp: list[Place] = []  # positions of the last three bus cycles
+        self._lying: dict[int, Part] = {}  # all parts that are not in hand, by number
+        self._clearing: list[tuple[int, int]] = []  # parts to be removed from boxes: bus cycle, number
+        self._tcp_history: list[Place] = []  # positions of the last three bus cycles
         self._cycle = -1
-        self._begun = False
+        self._stepped = False
         self._lost: list[PartRecord] = []  # parts lost between two bus cycles
         self._signals = {
             name: BinarySignal(one.delays, cycle_time_s, self._generator(name))
@@ -69,6 +72,7 @@ class World:
                 self._switch = BinarySignal(
                     cup.switch.delays, cycle_time_s, self._generator(cup.switch.input)
                 )
+        # outputs that inputs follow, with the delays of their devices
         followed = {one.follows for one in cell.inputs.values() if one.follows}
         delays = {one.output: one.delays for one in cell.outputs.values()}
         if cup is not None:
@@ -139,11 +143,11 @@ class World:
                 f'the cell is in bus cycle {self._cycle}, and bus cycle {cycle} does not follow it'
             )
         self._cycle = cycle
-        place = (float(tcp_m[0]), float(tcp_m[1]), float(tcp_m[2]))
-        self._tcp = [*self._tcp[-2:], place]
-        if self._begun:  # records of before the first bus cycle are reported with it
+        tcp = (float(tcp_m[0]), float(tcp_m[1]), float(tcp_m[2]))
+        self._tcp_history = [*self._tcp_history[-2:], tcp]
+        if self._stepped:  # records from before the first bus cycle are reported with it
             self.changed = []
-        self._begun = True
+        self._stepped = True
         self.changed += self._lost
         self._lost.clear()
         self._clear(cycle)
@@ -154,9 +158,9 @@ class World:
         if gripper is not None:
             pump = self._active('vacuum_failure', cycle) is None
             output = bool(outputs & self._output)
-            left = gripper.step(
+            released = gripper.step(
                 cycle,
-                place,
+                tcp,
                 self._acceleration(),
                 output=output,
                 pump=pump,
@@ -164,10 +168,10 @@ class World:
                 turn_rad=turn_rad,
             )
             if gripper.part is not None:
-                self._pick_up(gripper.part, cycle, place, turn_rad)
-            if left is not None:
-                self._land(left, cycle)
-                self.changed.append(left.record)
+                self._pick_up(gripper.part, cycle, tcp, turn_rad)
+            if released is not None:
+                self._land(released, cycle)
+                self.changed.append(released.record)
         for name, signal in self._followed.items():
             signal.step(bool(outputs >> OUTPUTS.index(name) & 1))
         self._update_inputs(cycle)
@@ -178,13 +182,13 @@ class World:
         camera = self._cameras.get(belt)
         return 0 if camera is None else camera.pictures
 
-    def pictured(self, belt: str) -> int:
+    def picture_cycle(self, belt: str) -> int:
         """Return the bus cycle of the picture whose parts the camera of a belt reports now."""
         return self._cycle - self._cameras[belt].latency_cycles
 
     def drop_part(self, cycle: int) -> None:
         """Let the gripped part fall (injected fault)."""
-        lost = None if self._gripper is None else self._gripper.drop(cycle, FAULT_OF_RUN)
+        lost = None if self._gripper is None else self._gripper.drop(cycle, DROPPED_BY_FAULT)
         if lost is not None:
             lost.stay(cycle, How.GONE)
             self._lost.append(lost.record)
@@ -206,9 +210,9 @@ class World:
 
     def _acceleration(self) -> Place:
         """TCP acceleration [m/s^2] of the previous bus cycle, from the last three positions."""
-        if len(self._tcp) < 3:
+        if len(self._tcp_history) < 3:
             return (0.0, 0.0, 0.0)
-        a, b, c = self._tcp
+        a, b, c = self._tcp_history
         factor = 1.0 / self._cycle_time_s**2
         return (
             (a[0] - 2.0 * b[0] + c[0]) * factor,
@@ -228,6 +232,7 @@ class World:
         return None
 
     def _refill(self, cycle: int) -> None:
+        """Put the next part of each empty supply in its place once the refill time is over."""
         for name, supply in self._cell.supplies.items():
             if name not in self._waiting and self._left[name] > 0 and cycle >= self._next[name]:
                 self._left[name] -= 1
@@ -238,14 +243,17 @@ class World:
     def _move_belt(self, name: str, cycle: int) -> None:
         """Advance a belt with its parts and its camera."""
         state, on_it = self.belts[name], self._on_belts[name]
-        for come in state.step(cycle):
+        for entered in state.step(cycle):
             stream = state.belt.stream
             if stream is not None:
                 part = self._new_part(
-                    come.type, name, state.place_m(come), state.belt.direction_rad + come.angle_rad
+                    entered.type,
+                    name,
+                    state.place_m(entered),
+                    state.belt.direction_rad + entered.angle_rad,
                 )
                 part.stay(cycle, How.RIDING, belt=name, count=state.count)
-                on_it[part.record.number] = come, part
+                on_it[part.record.number] = entered, part
         for on_belt, part in on_it.values():
             part.at_m = state.place_m(on_belt)
         for gone in state.leave():
@@ -264,9 +272,9 @@ class World:
             self.sightings[name] = camera.step(cycle, state)
 
     def _new_part(self, kind: str, source: str, at_m: Place, angle_rad: float) -> Part:
-        record = PartRecord(self._came, kind, source, size_m=self._cell.parts[kind].size_m)
+        record = PartRecord(self._parts_so_far, kind, source, size_m=self._cell.parts[kind].size_m)
         part = Part(self._cell.parts[kind], at_m, angle_rad, record)
-        self._came += 1
+        self._parts_so_far += 1
         self.records.append(record)
         self.changed.append(record)
         self._lying[record.number] = part
@@ -289,7 +297,7 @@ class World:
                 self.belts[name].take(found[0].number)
 
     def _land(self, part: Part, cycle: int) -> None:
-        """Put down a released part; a lost one is gone."""
+        """Put a released part on its support, or remove it if it was lost on the way or has no support."""
         record = part.record
         if record.outcome is Outcome.LOST:
             part.stay(cycle, How.GONE)
@@ -343,6 +351,7 @@ class World:
         return None, None
 
     def _clear(self, cycle: int) -> None:
+        """Remove the parts whose time in their box is over."""
         if self._clearing:
             for due, number in self._clearing:
                 part = self._lying.pop(number, None) if due <= cycle else None
@@ -367,6 +376,7 @@ class World:
         self.inputs.update(self.forced)
 
     def _raw(self, one: Input, cycle: int) -> bool:
+        """Return the value of an input without its delays."""
         if one.follows:
             return self._followed[one.follows].value
         if one.sensor is not None:

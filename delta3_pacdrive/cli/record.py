@@ -29,7 +29,7 @@ class Options(NodeOptions):
 def run(options: Options) -> Output:
     """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+    from delta3_pacdrive.bringup.scheduling import Schedule, set_scheduling
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.ros.nodes.recorder import record
     from delta3_pacdrive.ros.wire import domain
@@ -40,7 +40,7 @@ def run(options: Options) -> Output:
     robot = None if options.parameters is None else core.load(core.of_run(options.parameters))
     namespace = domain.namespace(options.namespace)
     bags = _bags_of_all(folder, namespace) if options.all else {namespace: folder}
-    prefer(Schedule.PREFERRED)  # avoids lost messages on a busy machine
+    set_scheduling(Schedule.PREFERRED)  # avoids lost messages on a busy machine
     return Output(status=record(bags, robot))
 
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from delta3_pacdrive.bringup.scheduling import Schedule, prefer
+from delta3_pacdrive.bringup.scheduling import Schedule, set_scheduling
 from delta3_pacdrive.cli.output import NAME_WIDTH, parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
@@ -71,7 +71,7 @@ class ScriptRun:
 
     def _run(self) -> None:
         if self._bringup.options.real_time_priority:
-            prefer(
+            set_scheduling(
                 Schedule.PREFERRED
             )  # the robot waits for the plans of the script, or continues without them
         try:

@@ -134,7 +134,7 @@ class PlantCell:
                 continue
             message = PoseArray()
             message.header.frame_id = BASE_FRAME.decode()
-            stamp = self._clock.stamp(self._world.pictured(belt.name))
+            stamp = self._clock.stamp(self._world.picture_cycle(belt.name))
             message.header.stamp.sec, message.header.stamp.nanosec = stamp
             for part in reading.sighted:
                 pose, half = Pose(), 0.5 * (belt.direction_rad + part.angle_rad)

@@ -57,13 +57,13 @@ class State:
     position_m, command_m
         Actual and commanded TCP position [m].
     left_s
-        Remaining time of the ordered moves [s]; inf while the robot is held.
+        Remaining time of the moves sent so far [s]; inf while the robot is held.
     outputs, inputs
         Values by name.
     payload_kg
         Payload set by the outputs [kg].
     late
-        Number of decisions that took effect late; 0 without a clock.
+        Number of decisions that took effect late; 0 if bus time waits for the script (no clock).
 
     """
 
@@ -100,11 +100,11 @@ class Robot:
         self._link, self.parameters = link, link.parameters
         self._orders = orders or ScriptOrders(link, name)
         self._maker = StatementMaker(link.parameters.motion, link.outputs)
-        self._begin = self._orders.effect  # script time counts from this bus cycle
-        self._counted_cycle, self._calls = self._begin, 0
-        self._over = False
-        self._ask: Callable[[ScriptPlace, str], None] | None = None
-        # bus cycle from which an aborted script has the robot at rest on its path; -1: none
+        self._start_cycle = self._orders.effect  # script time counts from this bus cycle
+        self._counted_cycle, self._calls = self._start_cycle, 0
+        self._ended = False
+        self._ask: Callable[[ScriptPlace, str], None] | None = None  # called before each single step
+        # bus cycle from which the robot is at rest on its path, after an abort of the script; -1: no abort
         self.held_at = -1
 
     def on_planned(self, callback: Callable[[Batch], None]) -> None:
@@ -122,7 +122,7 @@ class Robot:
 
     @property
     def late(self) -> int:
-        """Number of decisions that took effect late; 0 on a bus without a clock."""
+        """Number of decisions that took effect late; 0 without a clock, because bus time then waits for the script."""
         return self._orders.late
 
     @property
@@ -245,12 +245,12 @@ class Robot:
         """Wait until a bus time since the start of the script [s]; return at once if it has passed."""
         with self._errors_at(of_caller()):
             self._order()
-            self._orders.go_to(self._begin + self._cycles('time_s', time_s))
+            self._orders.go_to(self._start_cycle + self._cycles('time_s', time_s))
 
     def wait_input(self, name: str, value: bool = True, timeout_s: float = TIMEOUT_S) -> None:
         """Wait until an input has a value; raises ``WaitTimeoutError`` after ``timeout_s``."""
         with self._errors_at(of_caller()):
-            bit = 1 << self._number_of(name)
+            bit = 1 << self._input_number(name)
             if not isinstance(value, bool | np.bool_):
                 raise ProgramError(f'wait_input: value is {shown(value)}, but must be True or False')
             latest = self._cycles('timeout_s', timeout_s)
@@ -277,7 +277,7 @@ class Robot:
         """Return an input from the latest AT; takes no bus time."""
         with self._errors_at(of_caller()):
             self._count()
-            return bool(self._link.poll().inputs >> self._number_of(name) & 1)
+            return bool(self._link.poll().inputs >> self._input_number(name) & 1)
 
     def state(self) -> State:
         """Return the state of the robot from the latest AT; takes no bus time and sends no moves."""
@@ -286,7 +286,7 @@ class Robot:
             seen = self._orders.seen()
             return State(
                 seen.cycle,
-                (seen.cycle - self._begin) * self.parameters.bus.cycle_time_s,
+                (seen.cycle - self._start_cycle) * self.parameters.bus.cycle_time_s,
                 str(seen.motion),
                 seen.position_m,
                 seen.command_m,
@@ -297,7 +297,7 @@ class Robot:
                 self.late,
             )
 
-    def _number_of(self, name: str) -> int:
+    def _input_number(self, name: str) -> int:
         names = self._link.inputs
         if name not in names:
             known = ', '.join(names) or 'none'
@@ -349,14 +349,14 @@ class Robot:
         with self._errors_at(NOWHERE):
             self._count()
             self._orders.finish()
-            self._over = True
+            self._ended = True
 
     def abort(self) -> int:
         """Clear the queue and stop on the path; return the bus cycle from which the robot is at rest.
 
         Returns -1 if no motion was active.
         """
-        self._over = True
+        self._ended = True
         return self._orders.abort()
 
     # internals --------------------------------------------------------------------------------------------------------
@@ -368,7 +368,7 @@ class Robot:
 
     def _count(self) -> None:
         """Count consecutive calls without bus time; raise ScriptError for an endless loop of them."""
-        if self._over:
+        if self._ended:
             raise script_error(Code.STATE, 'the script has ended: no further calls are possible')
         cycle = self._link.poll().cycle
         if cycle != self._counted_cycle:

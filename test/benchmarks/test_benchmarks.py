@@ -301,7 +301,7 @@ def test_processor_time_is_that_of_all_processes_over_the_cycles_between_two_loo
 def test_who_has_given_up_real_time_is_an_ordinary_user():
     def look():
         scheduling.give_up_real_time()
-        scheduling.prefer(scheduling.Schedule.REAL_TIME)
+        scheduling.set_scheduling(scheduling.Schedule.REAL_TIME)
         return {'permitted': scheduling.real_time_is_permitted(), 'policy': os.sched_getscheduler(0)}
 
     assert in_child(look) == {'permitted': False, 'policy': os.SCHED_OTHER}

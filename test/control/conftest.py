@@ -27,7 +27,7 @@ from delta3_pacdrive.control.operation.orders import Orders
 from delta3_pacdrive.control.operation.planner_watch import PlannerWatch
 from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.queue.planner import Planner
-from delta3_pacdrive.control.queue.planning_job import Job, Result, work
+from delta3_pacdrive.control.queue.planning_job import Job, Result, run_job
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.learned_torques import Learned
@@ -81,7 +81,7 @@ class Rig:
         self.orders = Orders(robot, self.state, self.control, self.watch, lambda _: None)
         self.orders.begin_session('5e55')
         self.planner = Planner(robot, PLANNER, None, lambda: self.next_cycle)
-        self._plan = plan or (lambda job: work(job, robot, lambda *_: None))
+        self._plan = plan or (lambda job: run_job(job, robot, lambda *_: None))
         self._beats = 0
         self.beating = ''  # operator whose heartbeat is heard
         self.answers: list[tuple[str, int, bool, str]] = []
@@ -293,11 +293,11 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
 
     @lru_cache(maxsize=4096)
     def remembered(queue: Any, text: str, adaptation: Any, here: Any, wrapped: bool) -> Result:
-        return work(Job(0, queue, text, adaptation, here, wrapped), robot, lambda *_: None)
+        return run_job(Job(0, queue, text, adaptation, here, wrapped), robot, lambda *_: None)
 
     def plan(job: Job) -> Result:
         if job.append_to is not None:
-            return work(job, robot, lambda *_: None)
+            return run_job(job, robot, lambda *_: None)
         x, y, z = (round(value, 9) for value in job.start_m)
         known = remembered(job.queue, job.text, job.adaptation, (x, y, z), job.wrapped)
         return replace(known, number=job.number)

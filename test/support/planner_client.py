@@ -7,7 +7,7 @@ from typing import Any
 from delta3_pacdrive.control.actions import Ordered, Replied
 from delta3_pacdrive.control.messages import Origin, Request, Status, Verdict
 from delta3_pacdrive.control.queue.planner import Planner
-from delta3_pacdrive.control.queue.planning_job import Job, work
+from delta3_pacdrive.control.queue.planning_job import Job, run_job
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.recording.motion_progress import MotionProgress
@@ -56,7 +56,7 @@ class Client:
     def plan(self) -> None:
         """Do the job that the planner has begun."""
         job = self.do(Job)
-        self.planner.take_result(work(job, self.robot, lambda *_: None), self.now_s)
+        self.planner.take_result(run_job(job, self.robot, lambda *_: None), self.now_s)
 
     def queue(self, text: str = LINE) -> None:
         self.ask('program', text)

@@ -17,7 +17,7 @@ from delta3_pacdrive.planning.program.model import Point, Program
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
 
-# limit of appended statements, and of statements in a sequence of rounded corners with appended ones
+# maximum number of appended statements, and of statements planned as one sequence of rounded corners with them
 APPENDED_MAX = 100
 
 
@@ -26,12 +26,12 @@ class Job:
     """A program to be planned."""
 
     number: int
-    queue: Program | None  # moves before the text, or all moves without a text
+    queue: Program | None  # moves in the queue, which precede those of the text
     text: str  # statements in YAML or the name of a packaged program; may be empty
     adaptation: Adaptation  # requested changes to the text
-    start_m: Point  # end of the moves before, or position of the robot
-    wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
-    append_to: AppendPoint | None = None  # None: the text is queued
+    start_m: Point  # position at the start of the first move to be planned
+    wrapped: bool = False  # whether the text may also be a statement or a list, and may have the key start
+    append_to: AppendPoint | None = None  # end of the running program; None: the text follows the queue
     room: int = APPENDED_MAX  # number of statements that may be appended
     rounded: bool = True  # whether the corner before appended moves may be rounded
     turns_rad: tuple[float, ...] = ()  # angles of the rotary axes before the first move
@@ -54,7 +54,7 @@ class CancelledError(ProgramError):
     """The job was cancelled."""
 
 
-def work(
+def run_job(
     job: Job, robot: Parameters, progress: Callable[[int, int], None], outputs: OutputNames = OWN
 ) -> Result:
     """Run a job; ``progress`` is called with done and total statements, and raises CancelledError to cancel.
@@ -64,10 +64,10 @@ def work(
     try:
         program, statements, starts = job.queue, 0, False
         if job.text:
-            more, starts = _read(job, robot, outputs)
+            added, starts = _read(job, robot, outputs)
             if job.append_to is not None:
-                return _append(job, job.append_to, more, robot, progress)
-            program, statements = _queued(job.queue, more), len(more.statements)
+                return _append(job, job.append_to, added, robot, progress)
+            program, statements = _queued(job.queue, added), len(added.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
         planned = program_planner.plan(
@@ -80,7 +80,7 @@ def work(
             turns_rad=job.turns_rad,
         )
         if job.text and job.queue is not None:
-            program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.start_m))
+            program_planner.require_start(added, _end_m(planned, len(job.queue.statements), job.start_m))
         return Result(job.number, program, planned, statements=statements, starts=starts)
     except CancelledError as error:
         return Result(job.number, reason=Reason(Code.WITHDRAWN, str(error)))
@@ -89,11 +89,11 @@ def work(
 
 
 def _append(
-    job: Job, point: AppendPoint, more: Program, robot: Parameters, progress: Callable[[int, int], None]
+    job: Job, point: AppendPoint, added: Program, robot: Parameters, progress: Callable[[int, int], None]
 ) -> Result:
     """Plan moves to append to the running program; raises ProgramError."""
-    statements = more.statements * more.repeat
-    if more.faults or more.payload_kg is not None:
+    statements = added.statements * added.repeat
+    if added.faults or added.payload_kg is not None:
         raise ProgramError(
             'faults and payload_kg of a program count from its start: none while the robot moves'
         )
@@ -102,18 +102,18 @@ def _append(
             f'{len(statements)} statements cannot follow while the robot moves: {job.room} of '
             f'{APPENDED_MAX} are free'
         )
-    program_planner.require_start(more, job.start_m)
+    program_planner.require_start(added, job.start_m)
 
     def program_of(splice: Splice) -> Program:
         count = len(splice.again)
         return replace(
-            more,
+            added,
             statements=splice.again + statements,
             start_m=None,
             repeat=1,
             payload_kg=splice.payload_kg,
-            places=(None,) * count + more.places if more.places and more.repeat == 1 else (),
-            names=('',) * count + more.names if more.repeat == 1 else (),
+            places=(None,) * count + added.places if added.places and added.repeat == 1 else (),
+            names=('',) * count + added.names if added.repeat == 1 else (),
         )
 
     moves = point.plan(
@@ -169,15 +169,15 @@ def _end_m(planned: Planned, statements: int, start_m: Point) -> Point:
     return start_m
 
 
-def _queued(queue: Program | None, more: Program) -> Program:
+def _queued(queue: Program | None, added: Program) -> Program:
     """Return a queue with statements appended; raises ProgramError."""
     if queue is None:
-        return more
-    if queue.repeat > 1 or more.repeat > 1:
+        return added
+    if queue.repeat > 1 or added.repeat > 1:
         raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
-    if more.payload_kg not in (None, queue.payload_kg):
+    if added.payload_kg not in (None, queue.payload_kg):
         raise ProgramError(
             'payload_kg of a program, and the mass of its tool, count from its start: not allowed after moves '
             'in the queue; clear it first'
         )
-    return replace(queue, statements=queue.statements + more.statements, faults=queue.faults + more.faults)
+    return replace(queue, statements=queue.statements + added.statements, faults=queue.faults + added.faults)

@@ -1,4 +1,7 @@
-"""Holding brakes of the motors: delays, sticking and slipping."""
+"""Holding brakes of the motors: delays, sticking and slipping.
+
+An applied brake sticks (is locked) or slips. Arguments of the kernels are those of ``arrays``; ``force`` are torques.
+"""
 
 from delta3_pacdrive.dynamics import multiply, solve
 from delta3_pacdrive.numerics.kernel import kernel
@@ -58,7 +61,7 @@ def caught_speeds(before, h, acceleration, s):
 
 @kernel
 def acceleration_under_brakes(mass, force, speed, s, c):
-    """Accelerations of the shafts: mass x = force for those not held by a brake."""
+    """Accelerations of the shafts: solution x of mass x = force, 0 for shafts that a brake holds."""
     if s.brake_released[0] + s.brake_released[1] + s.brake_released[2] == 3:
         return solve(mass, force)
     return _braked_acceleration(mass, force, speed, s, c)
@@ -71,26 +74,26 @@ def _braked_acceleration(mass, force, speed, s, c):
     A sticking brake slips if the reaction torque exceeds its torque, reduced by wear (``brake_share``).
     """
     f = (
-        _slipping_force(0, force[0], speed[0], s, c),
-        _slipping_force(1, force[1], speed[1], s, c),
-        _slipping_force(2, force[2], speed[2], s, c),
+        _slipping_torque(0, force[0], speed[0], s, c),
+        _slipping_torque(1, force[1], speed[1], s, c),
+        _slipping_torque(2, force[2], speed[2], s, c),
     )
-    acceleration = _with_locked_axes(mass, f, s)
-    needed = multiply(mass, acceleration)
+    acceleration = _acceleration_with_locked_shafts(mass, f, s)
+    required = multiply(mass, acceleration)
     locked = s.brake_locked[0] + s.brake_locked[1] + s.brake_locked[2]
     f = (
-        _held_force(0, needed[0] - f[0], f[0], s, c),
-        _held_force(1, needed[1] - f[1], f[1], s, c),
-        _held_force(2, needed[2] - f[2], f[2], s, c),
+        _torque_if_overloaded(0, required[0] - f[0], f[0], s, c),
+        _torque_if_overloaded(1, required[1] - f[1], f[1], s, c),
+        _torque_if_overloaded(2, required[2] - f[2], f[2], s, c),
     )
     if s.brake_locked[0] + s.brake_locked[1] + s.brake_locked[2] != locked:
-        acceleration = _with_locked_axes(mass, f, s)
+        acceleration = _acceleration_with_locked_shafts(mass, f, s)
     return acceleration
 
 
 @kernel
-def _slipping_force(i, force, speed, s, c):
-    """Force on shaft ``i``, including its brake if that slips."""
+def _slipping_torque(i, force, speed, s, c):
+    """Torque on shaft ``i``, including the torque of its brake if that slips."""
     if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
         if speed > 0.0:
             return force - s.brake_share[i] * c.brake_torque
@@ -100,8 +103,8 @@ def _slipping_force(i, force, speed, s, c):
 
 
 @kernel
-def _held_force(i, reaction, force, s, c):
-    """Force on shaft ``i`` whose brake must hold ``reaction``; includes the brake torque if it starts to slip."""
+def _torque_if_overloaded(i, reaction, force, s, c):
+    """Torque on shaft ``i`` whose brake must hold ``reaction``; includes the brake torque if it starts to slip."""
     torque = s.brake_share[i] * c.brake_torque
     if s.brake_locked[i] != 0 and abs(reaction) > torque:
         s.brake_locked[i] = 0
@@ -110,8 +113,8 @@ def _held_force(i, reaction, force, s, c):
 
 
 @kernel
-def _with_locked_axes(mass, f, s):
-    """Solve mass x = f with x_i = 0 on locked axes."""
+def _acceleration_with_locked_shafts(mass, f, s):
+    """Accelerations x from mass x = f, with x_i = 0 for shafts locked by their brake."""
     free = (
         0.0 if s.brake_locked[0] != 0 else 1.0,
         0.0 if s.brake_locked[1] != 0 else 1.0,

@@ -5,7 +5,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 
-from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, Result, work
+from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, Result, run_job
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
@@ -73,7 +73,7 @@ class PlanningThread:
                 self._state = (number, done, total)
 
             try:
-                result = work(job, self._robot, note, self._outputs)
+                result = run_job(job, self._robot, note, self._outputs)
             except Exception as error:  # noqa: BLE001 (no program may terminate the planner)
                 self._log(traceback.format_exc())
                 sentence = f'{type(error).__name__}: {shown(str(error))}'

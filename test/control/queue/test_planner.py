@@ -14,7 +14,7 @@ from delta3_pacdrive.control.actions import (
 )
 from delta3_pacdrive.control.messages import Status, Verdict
 from delta3_pacdrive.control.queue.planner import VERDICT_S, Planner
-from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, work
+from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, run_job
 from delta3_pacdrive.control.queue.request_queue import NEWS_S
 from delta3_pacdrive.control.queue.request_service import WAITING_MAX
 from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
@@ -187,7 +187,7 @@ def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothin
         ('program', Code.WITHDRAWN),
         ('withdraw', None),
     ]
-    client.planner.take_result(work(job, client.robot, lambda *_: None), client.now_s)
+    client.planner.take_result(run_job(job, client.robot, lambda *_: None), client.now_s)
     assert client.planner.queue[0] == 0
 
 
@@ -229,13 +229,13 @@ def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -
 
 def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> None:
     job = Job(1, None, LINE.replace('0.2}', '1.0}'), Adaptation((0.1, 2.0, 0.0)), HOME)
-    capped = work(job, robot, lambda *_: None)
+    capped = run_job(job, robot, lambda *_: None)
     assert capped.planned is not None
     master = capped.planned.plan.moves[0].master
     assert master[:, 2].max() == pytest.approx(0.1, rel=1e-3)
     assert abs(master[:, 3]).max() <= 2.0 * (1 + 1e-3)
     cubic = 'moves: [{cubic: {to_m: [0.1, 0.0, -0.75], duration_s: 1.0}}]'
-    refused = work(replace(job, text=cubic), robot, lambda *_: None)
+    refused = run_job(replace(job, text=cubic), robot, lambda *_: None)
     assert refused.reason is not None
     assert 'its speed cannot be limited' in refused.reason.sentence
 
@@ -244,7 +244,7 @@ def test_a_job_that_is_given_up_says_so(robot) -> None:
     def stop(done: int, total: int) -> None:
         raise CancelledError(f'given up at {done} of {total}')
 
-    result = work(Job(1, None, LINE, AS_IT_IS, HOME), robot, stop)
+    result = run_job(Job(1, None, LINE, AS_IT_IS, HOME), robot, stop)
     assert result.reason is not None
     assert (result.reason.code, result.reason.sentence) == (Code.WITHDRAWN, 'given up at 0 of 1')
 
@@ -258,7 +258,7 @@ def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_c
     planner.receive_status(status, 0.0)
     (job,) = [action for action in planner.actions if isinstance(action, Job)]
     planner.actions.clear()
-    planner.take_result(work(job, robot, lambda *_: None), 0.1)
+    planner.take_result(run_job(job, robot, lambda *_: None), 0.1)
     assert planner.actions == []  # planned, not started
     planner.receive_status(replace(status, serial=2, planner=ME), 0.2)
     assert planner.actions == []

@@ -162,7 +162,7 @@ def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_fo
         return 0
 
     monkeypatch.setattr(node_process, 'run', built)
-    monkeypatch.setattr(scheduling, 'prefer', lambda _: None)  # the tests stay as they are
+    monkeypatch.setattr(scheduling, 'set_scheduling', lambda _: None)  # the tests stay as they are
     assert record.main([str(tmp_path / 'bag'), '--namespace', 'cell2']) == 0
     with Reader(tmp_path / 'bag') as reader:
         topics = {connection.topic for connection in reader.connections}
