@@ -1,4 +1,4 @@
-"""Facts about files that are there whole or not at all, whoever writes them."""
+"""Tests of files that are there whole or not at all, whoever writes them."""
 
 import os
 import resource
@@ -83,7 +83,7 @@ def test_a_link_stays_a_link_and_a_file_keeps_its_permissions(tmp_path):
     assert [path.name for path in file.parent.iterdir()] == ['file']
 
 
-def test_the_longest_name_of_a_file_system_is_no_obstacle(tmp_path):
+def test_longest_file_name_is_no_obstacle(tmp_path):
     path = tmp_path / ('a' * os.pathconf(tmp_path, 'PC_NAME_MAX'))
     whole_file.write_text('whole', path)
     assert path.read_text() == 'whole'

@@ -1,4 +1,4 @@
-"""Facts about kinematics with a length, a radius, an azimuth of each arm of its own."""
+"""Tests of kinematics with a length, a radius, an azimuth of each arm of its own."""
 
 import numpy as np
 import pytest

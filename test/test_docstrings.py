@@ -99,12 +99,12 @@ def require_documented(arguments, docstring, shared):
 
 
 @for_each(('arguments', 'docstring', 'shared'), list(kernels()))
-def test_every_kernel_says_what_its_arguments_are(arguments, docstring, shared):
+def test_every_kernel_documents_its_arguments(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 
 
 @for_each(('arguments', 'docstring', 'shared'), list(public_functions()))
-def test_every_public_function_says_what_its_arguments_are(arguments, docstring, shared):
+def test_every_public_function_documents_its_arguments(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 
 

@@ -1,4 +1,4 @@
-"""Facts about faults and refusals as values."""
+"""Tests of faults and refusals as values."""
 
 import json
 
@@ -22,12 +22,12 @@ SILENT = RobotFault(FaultCode.ANSWER_LOST, 'no AT of axis1, axis2', 'axis1, axis
 
 
 @pytest.mark.parametrize('fault', [SHORT, SILENT, None])
-def test_a_fault_survives_what_reports_tell_of_it(fault: RobotFault | None) -> None:
+def test_fault_survives_reports_about_it(fault: RobotFault | None) -> None:
     facts = json.loads(json.dumps(RobotFault.facts(fault)))
     assert RobotFault.of(facts, str(fault)) == fault
 
 
-def test_a_fault_names_all_who_may_be_its_cause() -> None:
+def test_fault_names_all_possible_causes() -> None:
     assert SILENT.sources == ('axis1', 'axis2', 'plant')
     assert RobotFault(FaultCode.EMERGENCY_STOP, 'emergency stop').sources == ()
 
@@ -36,13 +36,13 @@ def test_an_unknown_code_of_another_version_is_that_of_a_drive() -> None:
     assert [FaultCode.of(text) for text in ('plague', 'bus_time')] == [FaultCode.DRIVE, FaultCode.BUS_TIME]
 
 
-def test_a_reply_that_refuses_because_of_a_fault_carries_its_value() -> None:
+def test_a_reply_that_rejects_because_of_a_fault_carries_its_value() -> None:
     reply = Reply('op', 4, True, False, 'fault', str(SHORT), 2, **RobotFault.facts(SHORT))
     assert Reply.from_json(reply.to_json()).reason == Reason(Code.FAULT, str(SHORT), SHORT)
     assert Reply('op', 4, True, True, '', 'planned').reason is None
 
 
-def test_an_error_of_several_causes_names_all_of_them_and_holds_each_by_itself() -> None:
+def test_error_with_several_causes_names_each_of_them() -> None:
     error = ParameterError.of_all(f'cause {n}' for n in range(3))
     assert str(error) == 'cause 0; cause 1; cause 2'
     assert error.complaints == ('cause 0', 'cause 1', 'cause 2')
@@ -76,7 +76,7 @@ def test_an_error_of_a_script_begins_with_its_place_once(sentence: str, place: s
     ('cores', 'in_a_graph', 'needed_mb'),
     [(1, False, 800), (2, False, 800), (3, False, 900), (8, False, 1400), (2, True, 1400), (4, True, 1600)],
 )
-def test_a_memory_limit_below_what_the_libraries_reserve_is_refused(
+def test_a_memory_limit_below_what_the_libraries_reserve_is_rejected(
     cores: int, in_a_graph: bool, needed_mb: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Linear algebra holds 100 MB for each core beyond two."""

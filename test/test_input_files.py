@@ -1,4 +1,4 @@
-"""Facts about what is read: files, not pipes that wait for ever, and nothing that unpacks to more than fits."""
+"""Tests of what is read: files, not pipes that wait for ever, and nothing that unpacks to more than fits."""
 
 import os
 import re
@@ -86,7 +86,7 @@ def test_what_a_reader_takes_in_addition_is_bounded():
 
 
 @pytest.mark.parametrize('name', ['a.npz', 'a.csv', 'a.parquet', 'a.mat', 'bag/a.mcap'])
-def test_a_pipe_is_no_recording(name, tmp_path):
+def test_pipe_is_not_accepted_as_recording(name, tmp_path):
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     os.mkfifo(path)
@@ -97,7 +97,7 @@ def test_a_pipe_is_no_recording(name, tmp_path):
 @pytest.mark.parametrize(
     'load', [learned.load, Volume.load, digest, lambda path: document_of(path, 'sweep file')]
 )
-def test_a_pipe_is_no_other_input(load, tmp_path):
+def test_pipe_is_not_accepted_as_second_input(load, tmp_path):
     os.mkfifo(tmp_path / 'a.py')
     assert not Volume.is_one(tmp_path / 'a.py')
     with pytest.raises(Delta3Error, match='it is a pipe or a device, not a file'):
@@ -105,7 +105,7 @@ def test_a_pipe_is_no_other_input(load, tmp_path):
 
 
 @pytest.mark.parametrize('path', ['/dev/zero', '/dev/null'])
-def test_a_device_is_no_program(path, capsys):
+def test_device_file_is_not_accepted_as_program(path, capsys):
     assert main.main(['check', path]) == 1
     assert (
         capsys.readouterr().err == f'error: cannot read file {path}: it is a pipe or a device, not a file\n'

@@ -1,4 +1,4 @@
-"""Facts about how commands end: by signals at any moment, without space, memory or a home; one sentence each."""
+"""Tests of how commands end: by signals at any moment, without space, memory or a home; one sentence each."""
 
 import ast
 import json
@@ -179,7 +179,7 @@ def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, fi
 
 @pytest.mark.parametrize('name', ['simulate', 'tune'])
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_the_end_by_another_signal_is_told_and_has_its_own_status(name, number, status, files, tmp_path):
+def test_end_by_another_signal_is_reported_with_its_own_status(name, number, status, files, tmp_path):
     process = start(OFFLINE[name], tmp_path)
     process.send_signal(number)
     _, errors = process.communicate(timeout=LIMIT_S)
@@ -210,7 +210,7 @@ signal.raise_signal(signal.SIGTERM)
 """
 
 
-def test_a_signal_that_comes_while_the_end_is_told_does_not_tell_it_again():
+def test_second_signal_during_the_final_report_does_not_repeat_it():
     done = ended([sys.executable, '-P', '-c', TWICE])
     assert done.returncode == 143
     assert_one_sentence(done.stderr, 'ended by SIGTERM')
@@ -284,7 +284,7 @@ with interrupts.raising():
 """
 
 
-def test_what_an_interrupt_becomes_on_its_way_is_still_an_interrupt():
+def test_interrupt_converted_on_its_way_is_still_an_interrupt():
     done = ended([sys.executable, '-P', '-c', CONVERTED])
     assert done.returncode == 143
     assert_one_sentence(done.stderr, 'ended by SIGTERM')
@@ -306,7 +306,7 @@ def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
     assert_one_sentence(capfd.readouterr().err, 'interrupted')
 
 
-def test_a_mistake_in_the_code_keeps_its_traceback():
+def test_error_in_the_code_keeps_its_traceback():
     def work():
         raise RuntimeError('a mistake')
 
@@ -334,7 +334,7 @@ def test_errors_of_the_machine_are_one_sentence(error, sentence, capfd):
 @pytest.mark.parametrize(
     'arguments', [['--help'], ['simulate', '--help'], ['two-link'], ['two-link', '--json'], ['drive', 'list']]
 )
-def test_a_full_disk_behind_the_output_is_told(arguments):
+def test_full_disk_under_standard_output_is_reported(arguments):
     with open('/dev/full', 'w') as full:
         done = ended([*COMMAND, *arguments], capture_output=False, stdout=full, stderr=subprocess.PIPE)
     assert done.returncode == 1
@@ -365,14 +365,14 @@ def test_streams_that_are_closed_lead_nowhere_and_no_file_takes_their_place(tmp_
 @pytest.mark.parametrize(
     'command', [['move', 'state'], ['run'], ['drive', '1', 'S-0-0104'], ['experiment', '1', '--graph']]
 )
-def test_a_ros_domain_that_cannot_be_is_told(command, domain):
+def test_invalid_ros_domain_is_reported(command, domain):
     environment = os.environ | {'ROS_DOMAIN_ID': domain}
     done = ended([*COMMAND, *command], env=environment)
     assert done.returncode == 1
     assert_one_sentence(done.stderr, f'ROS_DOMAIN_ID is {domain!r}, but must be a whole number from 0 to 232')
 
 
-def test_a_robot_that_is_not_up_is_told_with_its_namespace(asked_of_nobody):
+def test_robot_that_is_not_running_is_reported_with_its_namespace(asked_of_nobody):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     output, errors = asked_of_nobody.communicate(timeout=LIMIT_S)
     sentence = 'error: no motion/progress within 10 s: is a robot up in namespace /nobody?\n'
@@ -387,7 +387,7 @@ def test_commands_without_a_graph_do_not_care_for_the_domain():
 
 
 @pytest.mark.parametrize('command', [['simulate'], ['tune'], ['run']])
-def test_too_little_memory_is_told_before_libraries_hang_in_it(command):
+def test_insufficient_memory_is_reported_before_libraries_block(command):
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (600_000 * 1024,) * 2)
 
@@ -397,7 +397,7 @@ def test_too_little_memory_is_told_before_libraries_hang_in_it(command):
 
 
 @pytest.mark.long
-def test_names_that_are_no_text_are_names(tmp_path):
+def test_names_that_yaml_reads_as_other_types_are_names(tmp_path):
     name = os.fsdecode(b'a\xff')
     done = ended([*COMMAND, 'simulate', name])
     assert done.returncode == 1
@@ -407,7 +407,7 @@ def test_names_that_are_no_text_are_names(tmp_path):
     assert list((tmp_path / name).glob('*.png'))
 
 
-def test_no_home_is_no_obstacle(tmp_path):
+def test_missing_home_folder_is_no_obstacle(tmp_path):
     caches = ('HOME', 'XDG_CACHE_HOME', 'NUMBA_CACHE_DIR')
     environment = {key: value for key, value in os.environ.items() if key not in caches}
     for home in ({}, {'HOME': '/proc'}):  # none, and one in which nothing can be written
@@ -461,7 +461,7 @@ print(looks == [False] * 5 + [True] * 5, interrupts.sentence(interrupts.asked())
 """
 
 
-def test_a_flag_says_that_the_end_was_asked_for_and_work_goes_on_until_it_looks():
+def test_flag_requests_the_end_and_work_continues_until_it_is_read():
     done = ended([sys.executable, '-P', '-c', FLAG])
     assert (done.returncode, done.stdout) == (0, 'True ended by SIGTERM\n')
 

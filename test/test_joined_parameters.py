@@ -1,4 +1,4 @@
-"""Facts about parameter files that are joined with ``+``."""
+"""Tests of parameter files that are joined with ``+``."""
 
 import re
 
@@ -43,7 +43,7 @@ def test_a_file_of_ones_own_may_hold_differences_if_it_is_not_the_first(differen
         parameters.load(f'{heavy}+model')
 
 
-def test_what_two_joined_files_say_differently_is_refused_by_name(difference):
+def test_contradicting_parameter_files_are_rejected_by_name(difference):
     stairs = difference('stairs.yaml', 'drive: {interpolation: linear}')
     said = f"drive.interpolation is 'cubic' in .*model.yaml, but 'linear' in {re.escape(str(stairs))}"
     with pytest.raises(ParameterError, match=said):
@@ -54,7 +54,7 @@ def test_what_two_joined_files_say_differently_is_refused_by_name(difference):
         parameters.load(f'model+{plain}+{built}')
 
 
-def test_what_is_wrong_in_a_joined_file_is_refused_as_ever(difference):
+def test_what_is_wrong_in_a_joined_file_is_rejected_as_ever(difference):
     with pytest.raises(ParameterError, match='modle'):
         parameters.load('rich+modle')
     wrong = difference('wrong.yaml', 'dynamics: {plate_mas_kg: 0.9}')

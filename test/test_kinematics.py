@@ -1,4 +1,4 @@
-"""Facts about the arms (thesis 4.2 to 4.6), from an own picture of the machine: rotated elbows, rods of length l_B."""
+"""Tests of the arms (thesis 4.2 to 4.6), from an own picture of the machine: rotated elbows, rods of length l_B."""
 
 import numpy as np
 import pytest
@@ -206,12 +206,12 @@ def test_poses_may_be_lists_and_strided_arrays(robot):
 
 
 @pytest.mark.parametrize('wrong', [0.3, [0.1, 0.2], [[0.1, 0.2, -0.8, 0.0]], []])
-def test_poses_of_another_shape_are_refused(wrong, robot):
+def test_poses_of_another_shape_are_rejected(wrong, robot):
     with pytest.raises(ValueError, match=r'must have shape \(\.\.\., 3\)'):
         kinematics.inverse(wrong, robot.kinematics)
 
 
-def test_angles_without_their_points_are_broadcast_or_refused_but_never_read_beyond_the_end(robot):
+def test_angles_without_their_points_are_broadcast_or_rejected_but_never_read_beyond_the_end(robot):
     k = robot.kinematics
     theta, p = np.full((4, 3), 0.3), kinematics.forward(np.full(3, 0.3), k)
     expected = kinematics.jacobian(theta, np.tile(p, (4, 1)), k)
@@ -289,7 +289,7 @@ def test_an_unreachable_point_names_the_arm_and_the_point(arm, robot):
     assert np.count_nonzero(unsolved) == 8
 
 
-def test_a_point_beside_an_arm_farther_than_the_rod_is_out_of_reach(robot):
+def test_point_beyond_rod_length_next_to_an_arm_is_out_of_reach(robot):
     with pytest.raises(UnreachableError, match='arm 1'):
         kinematics.inverse([0.15, 0.951, 0.0], robot.kinematics)
 
@@ -302,7 +302,7 @@ def test_rods_too_short_to_meet_are_named_with_their_angles(robot):
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e200])
 @pytest.mark.parametrize('place', [0, 1, 2])
-def test_what_is_no_position_or_angle_is_unreachable_in_both_directions(value, place, robot):
+def test_non_finite_position_or_angle_is_unreachable_in_both_directions(value, place, robot):
     p = np.array([0.0, 0.0, -0.8])
     p[place] = value
     with pytest.raises(UnreachableError):
@@ -321,7 +321,7 @@ def test_turning_the_plate_by_a_third_hands_the_angles_to_the_next_arm(robot):
     assert np.abs(turned - np.roll(theta, 1, axis=-1)).max() < ROUNDING
 
 
-def test_arms_numbered_the_other_way_round_carry_the_plate_to_the_same_point(robot):
+def test_arms_numbered_in_reverse_carry_the_plate_to_the_same_point(robot):
     clockwise = robot.replace(kinematics__arm_azimuth_deg=(0.0, 240.0, 120.0)).kinematics
     theta = joint_triples(robot, 200)
     expected = kinematics.forward(theta, robot.kinematics)
@@ -397,7 +397,7 @@ def test_the_parallel_measure_is_six_times_the_tetrahedron_of_elbows_and_plate(r
     assert np.abs(parallel - 2.0 * area * height / L_B**3).max() < ROUNDING
 
 
-def test_lengths_that_somebody_changes_are_those_of_nobody_else(robot):
+def test_edited_lengths_are_copies(robot):
     own = kinematics.geometry(robot)
     kept = own.copy()
     own['l_a'] += 0.1

@@ -1,4 +1,4 @@
-"""Facts about libraries of others that cannot be loaded: one sentence names library, file, interpreter and cause."""
+"""Tests of libraries of others that cannot be loaded: one sentence names library, file, interpreter and cause."""
 
 import importlib
 import sys
@@ -43,7 +43,7 @@ def test_a_library_that_cannot_be_loaded_is_named_with_its_file(code, cause, tmp
     assert sentence.endswith(f'PYTHONPATH is {tmp_path}, whose libraries come first')
 
 
-def test_a_missing_rclpy_says_what_is_needed_and_what_works_without_it():
+def test_missing_rclpy_is_reported_with_remedy_and_alternatives():
     assert loading_failure(ModuleNotFoundError("No module named 'rclpy'", name='rclpy')) == NO_ROS
     assert 'x86-64' in NO_ROS
 
@@ -51,7 +51,7 @@ def test_a_missing_rclpy_says_what_is_needed_and_what_works_without_it():
 @pytest.mark.parametrize(
     'error', [ValueError('no'), KeyError('a'), AttributeError("'int' has no attribute 'x'")]
 )
-def test_a_mistake_in_the_code_is_not_a_library_that_cannot_be_loaded(error):
+def test_error_in_the_code_is_not_a_loading_failure(error):
     assert loading_failure(error) is None
 
 

@@ -1,4 +1,4 @@
-"""Facts about the installed package: where ROS 2 finds it, what it declares, what its modules import."""
+"""Tests of the installed package: where ROS 2 finds it, what it declares, what its modules import."""
 
 import ast
 import functools
@@ -287,7 +287,7 @@ def test_ros_modules_are_not_loaded_with_the_core(distribution, tmp_path):
         ),
     ],
 )  # fmt: skip
-def test_the_graph_finds_ros_behind_lazy_and_indirect_imports(files, way, tmp_path):
+def test_import_graph_finds_ros_through_lazy_and_indirect_imports(files, way, tmp_path):
     for name, text in files.items():
         path = tmp_path / PACKAGE / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -316,7 +316,7 @@ def test_the_help_of_no_command_loads_heavy_modules(distribution, tmp_path):
     assert not {'numpy', 'numba', 'scipy', 'rclpy', 'matplotlib', 'yaml', 'rich'}.intersection(loaded)
 
 
-def test_who_only_operates_a_robot_waits_for_no_compiler(distribution, tmp_path):
+def test_clients_do_not_load_the_compiler(distribution, tmp_path):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     loaded = modules_after_import(f'{PACKAGE}.ros.clients.robot_client', tmp_path)
     assert 'rclpy' in loaded

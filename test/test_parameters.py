@@ -1,4 +1,4 @@
-"""Facts about parameter files: what stands in the default one, and what is refused, with which words."""
+"""Tests of parameter files: what stands in the default one, and what is refused, with which words."""
 
 import dataclasses
 import math
@@ -193,7 +193,7 @@ def test_every_default_lies_in_its_range(name, robot):
 
 
 @for_each(('name', 'value'), (PRINTED_IN_THE_THESIS | CHOSEN).items())
-def test_the_default_robot_is_the_one_that_was_studied(name, value, robot):
+def test_default_robot_is_that_of_the_thesis(name, value, robot):
     assert parameters.flatten(robot)[name] == value
 
 
@@ -261,7 +261,7 @@ def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
         assert re.search(rf'{name}\S* (is \S+, but )?must be ', sentence)
 
 
-def test_the_same_words_come_from_a_file(tree, load_tree):
+def test_file_and_arguments_give_the_same_texts(tree, load_tree):
     tree['motor']['peak_current_a'] = -17.0
     told = refusal(load_tree, tree)
     assert told.endswith(': motor.peak_current_a is -17, but must be positive and at most 1000')
@@ -271,7 +271,7 @@ def test_the_same_words_come_from_a_file(tree, load_tree):
 
 @pytest.mark.parametrize('name', sorted(WORDS))
 @pytest.mark.parametrize('wrong', [1.0, True, None, {'a': 1}, [1.0, 2.0]], ids=repr)
-def test_what_is_no_word_is_named(name, wrong, robot):
+def test_unknown_word_is_named(name, wrong, robot):
     assert f'{name} is {wrong!r}, but must be one of ' in refusal(replace, robot, name, wrong)
 
 
@@ -282,7 +282,7 @@ def test_counts_are_whole_numbers(name, robot):
 
 @pytest.mark.parametrize('name', ['motion.jerk_max_m_s3', 'motor.pole_pairs', 'kinematics.arm_azimuth_deg'])
 @pytest.mark.parametrize('digits', [400, 5000])
-def test_a_number_beyond_all_machine_numbers_is_refused(name, digits, robot, values):
+def test_a_number_beyond_all_machine_numbers_is_rejected(name, digits, robot, values):
     assert name in refusal(replace, robot, name, with_item(values[name], 16**digits))
 
 
@@ -409,7 +409,7 @@ def test_a_folder_hides_no_packaged_file_of_its_name(tmp_path, monkeypatch):
     assert parameters.of_run(None, 'experiment1') == parameters.THESIS_CONTROLLER
 
 
-def test_all_mistakes_of_a_file_are_told_with_their_places(tmp_path):
+def test_all_errors_of_a_file_are_reported_with_their_places(tmp_path):
     default = parameters.config_directory() / parameters.DEFAULT_FILE
     lines = default.read_text(encoding='utf-8').splitlines()
     path = tmp_path / 'robot.yaml'
@@ -478,7 +478,7 @@ def test_a_hostile_file_gets_one_sentence(content, reason, tmp_path):
     assert str(path) in sentence
 
 
-def test_what_is_no_file_gets_one_sentence(tmp_path):
+def test_missing_file_gets_one_sentence(tmp_path):
     assert 'cannot read parameter file' in refusal(parameters.load, tmp_path)
     assert 'cannot read parameter file' in refusal(parameters.load, tmp_path / 'missing.yaml')
 
@@ -489,7 +489,7 @@ def test_equal_values_have_equal_checksums(robot, tree, load_tree):
 
 
 @for_each('name', FIELDS)
-def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
+def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     if name == 'bus.cycle_time_s':
         robot = robot.replace(bus__exchange_period_s=500e-6)
         changed = 2e-3
@@ -530,7 +530,7 @@ def test_derived_quantities_follow_the_thesis(robot):
 
 
 @pytest.mark.parametrize(('cycle_time_s', 'delay'), [(1e-3, 2.75), (2e-3, 2.875), (4e-3, 2.9375)])
-def test_the_dead_time_of_the_following_error_comes_from_the_timing(cycle_time_s, delay, robot):
+def test_dead_time_of_the_following_error_results_from_the_timing(cycle_time_s, delay, robot):
     slow = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=125e-6)
     assert slow.following_error_delay_cycles == pytest.approx(delay, rel=1e-12)
     assert slow.replace(motion__following_error_delay_cycles=0.0).following_error_delay_cycles == 0.0

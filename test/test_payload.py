@@ -1,4 +1,4 @@
-"""Facts about the payload: one limit wherever a payload comes in, and it is what the robot can hold."""
+"""Tests of the payload: one limit wherever a payload comes in, and it is what the robot can hold."""
 
 import numpy as np
 import pytest

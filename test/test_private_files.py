@@ -1,4 +1,4 @@
-"""Facts about folders and lock files that no other user of the machine can replace."""
+"""Tests of folders and lock files that no other user of the machine can replace."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""Facts about what ``import delta3_pacdrive`` shows: enough for a user, described, and without ROS."""
+"""Tests of what ``import delta3_pacdrive`` shows: enough for a user, described, and without ROS."""
 
 import inspect
 import subprocess
@@ -44,7 +44,7 @@ def test_a_program_is_simulated_by_its_name_or_as_it_was_read():
     assert isinstance(by_name, d3.Trace)
 
 
-def test_signals_on_request_are_told_beside_the_others_and_unknown_ones_refused():
+def test_requested_signals_are_added_and_unknown_ones_rejected():
     trace = d3.simulate('experiment3', signals=['payload', 'tcp_sp*', 'drive_voltage'])
     assert {'current', 'payload', 'tcp_speed', 'drive_voltage'} <= trace.signals.keys()
     speed = np.linalg.norm(trace['tcp_velocity'], axis=1)
@@ -74,7 +74,7 @@ def test_a_trace_is_read_back_as_it_was_written(tmp_path):
 @pytest.mark.parametrize(
     'function', FUNCTIONS, ids=lambda function: f'{function.__module__}.{function.__name__}'
 )
-def test_every_argument_is_described_with_what_comes_back_and_what_is_raised(function):
+def test_every_argument_is_documented_with_returns_and_raises(function):
     text = inspect.getdoc(function)
     for name in inspect.signature(function).parameters:
         assert f'\n{name}\n    ' in text, f'{name} is not described'

@@ -1,4 +1,4 @@
-"""Facts about the parameters of the rotary axes: rules, the values of their drives, and a second axis."""
+"""Tests of the parameters of the rotary axes: rules, the values of their drives, and a second axis."""
 
 import pytest
 
@@ -33,7 +33,7 @@ from delta3_pacdrive.errors import ParameterError
         ),
     ],
 )
-def test_values_of_a_rotary_axis_that_contradict_one_another_are_refused_if_there_is_one(
+def test_values_of_a_rotary_axis_that_contradict_one_another_are_rejected_if_there_is_one(
     changes, sentence, robot
 ):
     changes = {f'rotary__{name}': value for name, value in changes.items()}

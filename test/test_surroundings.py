@@ -1,4 +1,4 @@
-"""Facts about every command in hostile surroundings: it gives its result, or one sentence and a status."""
+"""Tests of every command in hostile surroundings: it gives its result, or one sentence and a status."""
 
 import json
 import os
@@ -194,7 +194,7 @@ def test_with_the_encoding_of_windows_without_a_home_and_one_column_wide_every_c
 
 
 @pytest.mark.long
-def test_where_nothing_can_be_written_and_nobody_reads_every_command_ends_in_one_sentence(files, tmp_path):
+def test_every_command_ends_in_one_sentence_without_writable_folder_and_reader(files, tmp_path):
     def run(lines):
         return [afresh(arguments, '/proc', OF_WINDOWS, '| head -0') for arguments, _ in lines]
 
@@ -250,7 +250,7 @@ def foreign(folder, library, code):
         pytest.param('numba', '__version__ = "0.1"', marks=pytest.mark.long),
     ],
 )
-def test_a_foreign_library_that_comes_first_is_named_in_one_sentence(library, code, files, tmp_path):
+def test_incompatible_library_first_on_the_path_is_named_in_one_sentence(library, code, files, tmp_path):
     environment = foreign(tmp_path / 'foreign', library, code)
     names = sorted(main.OF_ROBOTS) if library == 'rclpy' else list(main.COMMANDS)
     lines = [CALLS.get(name, [name]) for name in names if name not in SLOW]

@@ -1,4 +1,4 @@
-"""Facts about the tests: they look at the product from outside, and a file of them can be read in one go."""
+"""Tests of the tests: they look at the product from outside, and a file of them can be read in one go."""
 
 import ast
 import importlib.util

@@ -1,4 +1,4 @@
-"""Facts about which controller a run has that nobody asked for one: the thesis' for its programs, else the model's."""
+"""Tests of which controller a run has that nobody asked for one: the thesis' for its programs, else the model's."""
 
 import json
 import shutil
@@ -25,19 +25,19 @@ def test_programs_of_the_thesis_are_driven_by_its_controller(program):
 
 
 @pytest.mark.parametrize('program', [None, 'packaging', 'packaging_stops', 'mine.yaml'])
-def test_everything_else_is_driven_by_the_one_that_knows_the_model(program):
+def test_other_programs_use_the_model_based_controller(program):
     assert parameters.of_run(None, program) == 'model'
     assert parameters.load(parameters.of_run('rich', program)) == parameters.load('rich+model')
     assert parameters.of_run('model+rich', program) == 'model+rich'
 
 
 @pytest.mark.parametrize('given', ['delta3', 'delta3+rich', 'model', 'mine.yaml'])
-def test_who_names_a_complete_file_or_a_controller_has_it(given):
+def test_explicit_parameter_files_and_controllers_are_used(given):
     assert parameters.of_run(given, 'packaging') == given
     assert parameters.of_run(given, 'experiment1') == given
 
 
-def test_a_copy_of_a_program_is_no_program_of_the_thesis(tmp_path, monkeypatch):
+def test_copy_of_a_program_is_not_a_program_of_the_thesis(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     own = tmp_path / 'experiment1.yaml'
     shutil.copy(programs.find('experiment1'), own)
@@ -46,7 +46,7 @@ def test_a_copy_of_a_program_is_no_program_of_the_thesis(tmp_path, monkeypatch):
     assert parameters.of_run(None, 'experiment1') == 'delta3'
 
 
-def test_a_controller_is_told_in_words(robot):
+def test_controller_is_described_in_words(robot):
     assert robot.controller == THESIS
     assert parameters.load('model').controller == MODEL
     assert parameters.load('rich+model+gears').controller == f'{MODEL}, gears that give'

@@ -1,4 +1,4 @@
-"""Facts about a camera above a belt: what it tells, when, and what it leaves out."""
+"""Tests of a camera above a belt: what it tells, when, and what it leaves out."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def told(camera, cycles, seed=1, dead_from=None, line=LINE):
     return found, state
 
 
-def test_what_is_in_the_picture_is_told_its_latency_later_with_the_count_of_the_picture():
+def test_picture_content_is_reported_its_latency_later_with_the_count_of_the_picture():
     found, state = told(PLAIN, 4000)
     assert state.pictures == 9
     # pictures at each 0.2 m, in each of which two or three parts lie
@@ -76,13 +76,13 @@ def test_noise_has_its_deviation_and_the_seed_its_bits():
     assert told(noisy, 4000)[0] == told(noisy, 4000)[0] != told(noisy, 4000, seed=2)[0]
 
 
-def test_some_parts_are_missed_and_some_are_told_twice():
+def test_some_parts_are_missed_and_some_are_reported_twice():
     whole = len(told(PLAIN, 60_000)[0])
     assert len(told(replace(PLAIN, missed_share=0.3), 60_000)[0]) == pytest.approx(0.7 * whole, rel=0.12)
     assert len(told(replace(PLAIN, doubled_share=0.3), 60_000)[0]) == pytest.approx(1.3 * whole, rel=0.08)
 
 
-def test_a_dead_camera_takes_no_picture_and_goes_on_in_step_when_it_lives_again():
+def test_dead_camera_takes_no_pictures_and_resumes_in_step():
     found, state = told(PLAIN, 4000, dead_from=2000)
     assert state.pictures == 4
     assert max(cycle for cycle, _ in found) < 2000 + 30
@@ -104,7 +104,7 @@ CELL = {
 }  # fmt: skip
 
 
-def test_a_camera_of_a_cell_file_is_there_in_si_units_and_tells_what_it_sees():
+def test_camera_of_a_cell_file_has_si_units_and_reports_its_detections():
     cell = cell_file.parse(CELL)
     camera = cell.belts['line'].camera
     assert camera == Camera(0.5, 0.2, 0.2, 0.03, 0.001, pytest.approx(np.pi / 2), 0.1, 0.2)

@@ -1,4 +1,4 @@
-"""Facts about meeting a part on a belt: where, when and how, and what is refused before anything moves."""
+"""Tests of meeting a part on a belt: where, when and how, and what is refused before anything moves."""
 
 import math
 
@@ -49,7 +49,7 @@ def test_a_plan_that_is_too_quick_begins_later_so_that_the_robot_is_on_the_belt_
 
 
 @pytest.mark.parametrize('speed', [0.1, 0.7, 1.4])
-def test_a_part_that_comes_is_awaited_so_that_it_is_met_where_the_window_begins(speed):
+def test_arriving_part_is_met_at_the_beginning_of_the_window(speed):
     found = met(-0.5, speed)
     assert found.wait_s > 0.0
     assert found.met_m == pytest.approx(WINDOW.begin_m, abs=1e-6)
@@ -77,7 +77,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('reason', REFUSED)
-def test_what_would_not_end_well_is_refused_before_anything_moves(reason):
+def test_what_would_not_end_well_is_rejected_before_anything_moves(reason):
     place, speed, sentence = REFUSED[reason]
     found = met(place, speed)
     assert isinstance(found, Miss)
@@ -85,7 +85,7 @@ def test_what_would_not_end_well_is_refused_before_anything_moves(reason):
     assert sentence in found.sentence
 
 
-def test_a_part_behind_the_window_is_gone_whatever_the_belt_does():
+def test_part_beyond_the_window_is_gone_whatever_the_belt_does():
     assert met(1.1, 0.0).sentence == 'the part is at 1100.0 mm, the window ends at 1000.0 mm'
 
 
@@ -97,12 +97,12 @@ def test_the_last_part_that_can_be_met_is_done_at_the_end_of_the_window():
     assert met(low, 0.5).done_m == pytest.approx(WINDOW.end_m, abs=1e-6)
 
 
-def test_a_part_on_a_belt_that_stands_in_the_window_is_met_where_it_is():
+def test_part_on_a_belt_at_rest_in_the_window_is_met_in_place():
     found = met(0.7, 0.0)
     assert (found.met_m, found.done_m, found.wait_s) == (0.7, 0.7, 0.0)
 
 
-def test_places_of_a_belt_and_its_axes_are_told_in_those_of_base_and_back():
+def test_positions_on_a_belt_and_its_axes_convert_to_base_and_back():
     belt = BeltAxes('line', (0.1, 0.2, -0.8), math.pi / 2.0, 1e5)
     assert belt.place_m(0.3, 0.1) == pytest.approx((0.0, 0.5, -0.8))
     motion = Motion((0.1, 0.2, 0.3), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
@@ -120,13 +120,13 @@ def planned(robot, *to, dwell_s=0.1):
     return plan(Program('work', moves), (0.0, 0.0, -0.8), robot).plan
 
 
-def test_the_first_move_that_does_not_stand_is_the_one_that_gets_on(robot):
+def test_first_tracking_move_with_length_synchronizes(robot):
     work = planned(robot, (0.1, 0.0, -0.8), (0.1, 0.0, -0.85))
     assert first_moved_s(work) == pytest.approx(float(work.tables.starts[2]))
     assert 0.1 < first_moved_s(work) < work.duration_s
 
 
-def test_a_plan_that_is_carried_out_of_the_workspace_is_refused_with_the_instant(robot):
+def test_a_plan_that_is_carried_out_of_the_workspace_is_rejected_with_the_instant(robot):
     work = planned(robot, (0.3, 0.0, -0.8))
     with pytest.raises(
         ProgramError, match=r'the distance from the z axis is .* s after its start on the belt'
@@ -134,7 +134,7 @@ def test_a_plan_that_is_carried_out_of_the_workspace_is_refused_with_the_instant
         require_feasible(work, 0.0, work.duration_s, lambda _: Motion((0.4, 0.0, 0.0)), robot, 1.0)
 
 
-def test_a_plan_that_asks_too_much_of_a_motor_only_with_the_belt_is_refused(robot):
+def test_a_plan_that_asks_too_much_of_a_motor_only_with_the_belt_is_rejected(robot):
     work = planned(robot, (0.2, 0.0, -0.8))
     end = work.duration_s
     require_feasible(work, 0.0, end, lambda _: STANDS, robot, 1.0)

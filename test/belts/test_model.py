@@ -1,4 +1,4 @@
-"""Facts about belts: how they move, what their encoder and light barrier tell, and where their parts are."""
+"""Tests of belts: how they move, what their encoder and light barrier tell, and where their parts are."""
 
 import math
 
@@ -29,7 +29,7 @@ def ran(of, cycles, seed=1, start=0):
     return state
 
 
-def test_a_belt_follows_its_speeds_with_their_accelerations_also_if_one_comes_before_the_last_is_reached():
+def test_belt_follows_its_speed_steps_with_its_accelerations_even_if_they_overlap():
     motion = BeltMotion(belt())
     times = np.arange(0.0, 1.2, 1e-5)
     ways = np.array([motion.shaft_m(time) for time in times])
@@ -64,7 +64,7 @@ def test_the_encoder_counts_whole_increments_of_the_shaft_and_the_surface_slips_
     assert backwards.count(0.5) == math.floor(backwards.shaft_m(0.5) * PER_M) < 0
 
 
-def test_parts_come_at_the_begin_go_with_the_surface_and_leave_at_the_end():
+def test_parts_enter_at_the_begin_follow_the_surface_and_leave_at_the_end():
     state = ran(belt(), 601)
     way = state.way_m
     assert [part.number for part in state.parts] == [0, 1]
@@ -83,7 +83,7 @@ def test_a_belt_runs_in_its_direction_with_across_to_the_left():
     assert turned.place_m(0.5, 0.1) == pytest.approx((0.9, 2.5, 3.0))
 
 
-def test_where_parts_lie_comes_from_the_seed_and_keeps_to_the_spread():
+def test_positions_of_parts_depend_on_the_seed_within_the_spread():
     spread = belt(stream=Stream('bar', 50, 0.1, (0.02, 0.03), 0.4))
     one, same, other = (ran(spread, 1, seed) for seed in (1, 1, 2))
     for state in (one, same, other):
@@ -172,7 +172,7 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
         ('stream', {'part': 'box', 'count': 1, 'spacing_mm': 9}, "part is 'box', but must be one of bar"),
     ],
 )
-def test_a_belt_that_cannot_be_is_refused(key, value, told):
+def test_a_belt_that_cannot_be_is_rejected(key, value, told):
     with pytest.raises(CellError) as refused:
         cell_file.parse(CELL | {'belts': {'line': CELL['belts']['line'] | {key: value}}})
     assert told in str(refused.value)

@@ -1,4 +1,4 @@
-"""Facts about the prediction of a belt: as good as its encoder, and never far off when the belt changes its speed."""
+"""Tests of the prediction of a belt: as good as its encoder, and never far off when the belt changes its speed."""
 
 import math
 
@@ -43,7 +43,7 @@ def test_a_belt_that_starts_and_stops_with_2_m_s2_is_never_farther_off_than_a_tw
     assert np.sqrt(np.mean(errors**2)) < 0.01e-3
 
 
-def test_a_belt_that_comes_to_rest_is_not_predicted_backwards():
+def test_braking_belt_is_not_predicted_backwards():
     braking = BeltEstimate(1.0, 0.01, -2.0)
     assert braking.after(0.1) == pytest.approx((1.0 + 0.01**2 / 4.0, 0.0, 0.0))
     assert braking.after(0.002) == pytest.approx((1.0 + 0.01 * 0.002 - 0.002**2, 0.006, -2.0))
@@ -60,7 +60,7 @@ def test_a_belt_that_runs_already_is_known_after_some_bus_cycles():
 
 
 @pytest.mark.parametrize('jump_m', [0.03, -0.03])
-def test_a_jump_of_the_encoder_is_counted_and_the_way_goes_on_as_before(jump_m):
+def test_encoder_jump_is_counted_and_the_distance_continues(jump_m):
     motion = BeltMotion(Belt('line', (0.0, 0.0, 0.0), 0.0, 10.0, PER_M, (SpeedChange(0.0, 1.0, 5.0),)))
     observer, errors = BeltObserver(PER_M, CYCLE_S), []
     for cycle in range(1000):
@@ -71,7 +71,7 @@ def test_a_jump_of_the_encoder_is_counted_and_the_way_goes_on_as_before(jump_m):
     assert np.abs(errors[500:]).max() < 3.0 / PER_M
 
 
-def test_the_way_of_a_count_is_the_middle_of_its_increment():
+def test_position_of_a_count_is_the_centre_of_its_increment():
     assert BeltObserver(1000.0, CYCLE_S).distance_of(7) == pytest.approx(7.5e-3)
 
 
@@ -79,13 +79,13 @@ def test_the_way_of_a_count_is_the_middle_of_its_increment():
     ('numbers', 'name'),
     [((0.0, 1e-3, 0.5), 'increments_per_m'), ((1e3, 0.0, 0.5), 'cycle_time_s'), ((1e3, 1e-3, 1.0), 'memory')],
 )
-def test_numbers_that_no_belt_has_are_refused(numbers, name):
+def test_numbers_that_no_belt_has_are_rejected(numbers, name):
     with pytest.raises(ProgramError, match=f'{name} of a belt is '):
         BeltObserver(*numbers)
 
 
 @pytest.mark.parametrize('jump', [3000, -3000])
-def test_a_count_that_is_older_than_a_jump_still_tells_its_place(jump):
+def test_count_before_a_jump_still_has_its_position(jump):
     observer, per_cycle = BeltObserver(PER_M, CYCLE_S), 40
     for cycle in range(100):
         observer.step(cycle * per_cycle)

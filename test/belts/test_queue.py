@@ -1,4 +1,4 @@
-"""Facts about the queue of parts: each part once, handed out by its rule, and what has gone is counted."""
+"""Tests of the queue of parts: each part once, handed out by its rule, and what has gone is counted."""
 
 import math
 
@@ -28,7 +28,7 @@ def hand_out(queue, *where):
     return chosen
 
 
-def test_what_is_told_twice_is_one_part_at_the_mean_of_what_was_told():
+def test_part_reported_twice_counts_once_at_the_mean_position():
     queue = filled(0.1)
     assert not queue.add(part(0.103, 0.003, angle=0.3))
     assert not queue.add(part(0.1, 0.0, angle=0.0))
@@ -38,7 +38,7 @@ def test_what_is_told_twice_is_one_part_at_the_mean_of_what_was_told():
     assert one.seen == 3
 
 
-def test_angles_are_averaged_the_short_way():
+def test_angles_are_averaged_over_the_short_arc():
     queue = PartQueue(0.005)
     queue.add(part(0.0, angle=math.radians(179.0)))
     queue.add(part(0.0, angle=math.radians(-179.0)))
@@ -59,7 +59,7 @@ def test_a_part_that_was_handed_out_is_not_handed_out_again():
     assert hand_out(queue, 0.0, WINDOW) is None
 
 
-def test_first_in_is_the_farthest_along_and_nearest_the_one_beside_the_robot():
+def test_first_in_is_the_most_advanced_part_and_nearest_the_one_next_to_the_robot():
     first = filled(0.1, 0.3, 0.2)
     assert [hand_out(first, 0.5, WINDOW).along_m for _ in range(3)] == [0.3, 0.2, 0.1]
     nearest = filled(0.1, 0.3, 0.2, rule=Rule.NEAREST)
@@ -74,12 +74,12 @@ def test_what_has_left_the_window_is_dropped_and_counted():
     assert queue.left == 2
 
 
-def test_a_queue_is_bounded_and_counts_what_it_refuses():
+def test_a_queue_is_bounded_and_counts_what_it_rejects():
     queue = PartQueue(0.005, size=3)
     assert [queue.add(part(0.1 * n)) for n in range(5)] == [True] * 3 + [False] * 2
     assert (len(queue), queue.refused) == (3, 2)
 
 
-def test_a_distance_that_is_none_is_refused():
+def test_invalid_distance_is_rejected():
     with pytest.raises(ProgramError, match='merge_m of a queue is nan, but must be a distance'):
         PartQueue(math.nan)

@@ -1,4 +1,4 @@
-"""Facts about getting on a belt: within the limits, at rest on the belt, and refused before anything moves."""
+"""Tests of getting on a belt: within the limits, at rest on the belt, and refused before anything moves."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def seen_from_beside(way, speed, count=400):
     st.floats(0.0, 1.5),
     st.tuples(st.floats(-0.4, 0.4), st.floats(-0.3, 0.3), st.floats(-0.1, 0.2)),
 )
-def test_the_ramp_on_the_belt_starts_at_rest_beside_it_ends_at_rest_on_it_and_keeps_its_limits(speed, start):
+def test_ramp_on_the_belt_starts_and_ends_at_rest_within_its_limits(speed, start):
     way = transition_between(Motion(start, (-speed, 0.0, 0.0)), Motion(ABOVE), LIMITS, speed)
     times, place, velocity, acceleration = seen_from_beside(way, speed)
     assert place[0] == pytest.approx(start, abs=1e-9)
@@ -51,7 +51,7 @@ def test_the_ramp_on_the_belt_starts_at_rest_beside_it_ends_at_rest_on_it_and_ke
         assert np.abs(np.diff(acceleration, axis=0)).max() <= LIMITS.jerk_m_s3 * step * (1.0 + TOUCH) + 1e-9
 
 
-def test_on_a_long_way_the_speed_as_it_is_seen_from_beside_the_belt_is_the_limit():
+def test_speed_relative_to_the_belt_limits_a_long_path():
     slow = TrackLimits(1.0, 60.0, 8000.0)
     # along at 0.5 m/s all the time, and half a metre across: there nothing but the speed is a limit
     along = (0.5, 0.0, 0.0)
@@ -60,7 +60,7 @@ def test_on_a_long_way_the_speed_as_it_is_seen_from_beside_the_belt_is_the_limit
     assert 0.7 < np.linalg.norm(velocity, axis=1).max() <= 1.0 + TOUCH
 
 
-def test_leaving_a_belt_begins_with_its_speed_and_ends_at_rest_beside_it():
+def test_leaving_a_belt_begins_at_its_speed_and_ends_at_rest_next_to_it():
     there = Motion((0.3, 0.2, 0.1))
     way = transition_between(Motion((0.0, 0.0, 0.0), (1.2, 0.0, 0.0)), there, LIMITS)
     assert way.at(0.0).velocity == pytest.approx((1.2, 0.0, 0.0))
@@ -70,7 +70,7 @@ def test_leaving_a_belt_begins_with_its_speed_and_ends_at_rest_beside_it():
     assert way.at(way.duration_s + 5.0).place == pytest.approx(there.place)
 
 
-def test_who_comes_to_rest_does_so_as_soon_as_the_limits_allow_wherever_that_is():
+def test_stop_takes_the_shortest_time_within_the_limits():
     way = transition_to_rest(Motion((0.1, 0.0, 0.0), (1.0, 0.0, 0.0)), 20.0, 2000.0)
     # up and down with the jerk: v / a + a / j
     assert way.duration_s == pytest.approx(1.0 / 20.0 + 20.0 / 2000.0)
@@ -79,12 +79,12 @@ def test_who_comes_to_rest_does_so_as_soon_as_the_limits_allow_wherever_that_is(
     assert way.at(way.duration_s + 1.0) == Motion(end.place)
 
 
-def test_a_way_that_stands_lasts_for_its_time():
+def test_path_of_zero_length_lasts_its_time():
     way = Transition.standing((1.0, 2.0, 3.0), 0.5)
     assert way.duration_s == 0.5
     assert way.at(0.2) == way.at(0.7) == Motion((1.0, 2.0, 3.0))
 
 
-def test_limits_that_leave_nothing_beside_the_belt_are_refused():
+def test_limits_without_reserve_next_to_the_belt_are_rejected():
     with pytest.raises(ProgramError, match='with 2 m/s2 in reserve for it, leaves nothing of'):
         transition_between(HOME, Motion(ABOVE), TrackLimits(4.0, 1.5, 8000.0), 0.5)

@@ -1,4 +1,4 @@
-"""Facts about what the controller adds to a plan on a belt: by bus time, without a jump, at rest when it has to."""
+"""Tests of what the controller adds to a plan on a belt: by bus time, without a jump, at rest when it has to."""
 
 import math
 
@@ -98,7 +98,7 @@ def test_nothing_is_added_before_and_it_begins_and_ends_at_rest_without_a_jump()
     assert bench.tracking.free
 
 
-def test_without_an_order_nobody_gets_on_a_belt():
+def test_no_synchronization_without_a_command():
     bench = Bench(steady).run(FIRST + 1)
     assert bench.tracking.free
     assert 'gets on a belt in bus cycle 200, but no belt has been selected' in bench.tracking.lost.sentence
@@ -112,7 +112,7 @@ def test_a_part_that_leaves_the_window_is_lost_with_the_number_of_the_cycle():
     )
 
 
-def test_a_belt_that_carries_the_part_back_out_of_the_window_is_told_so():
+def test_belt_that_returns_the_part_out_of_the_window_is_reported():
     bench = Bench(lambda time: -0.3 * time).order(0.6).run(800)
     assert (
         'or runs backwards, the part is at 394.9 mm, and the window begins at 400.0 mm'
@@ -120,7 +120,7 @@ def test_a_belt_that_carries_the_part_back_out_of_the_window_is_told_so():
     )
 
 
-def test_halted_it_comes_to_rest_and_gets_on_again_from_there():
+def test_halted_tracking_comes_to_rest_and_synchronizes_again_from_there():
     bench = Bench(steady).order(0.4).run(400)
     bench.tracking.halt(400)
     rest = bench.tracking.rest_cycle
@@ -137,7 +137,7 @@ def test_halted_it_comes_to_rest_and_gets_on_again_from_there():
     assert np.abs(bench.along(on, on + 100) - bench.due(0.4, on, on + 100)).max() < 30e-6
 
 
-def test_work_that_is_over_while_it_is_halted_is_left_behind_it():
+def test_work_finished_during_a_halt_is_left():
     bench = Bench(steady).order(0.4).run(400, lambda k: k >= FIRST)
     bench.tracking.halt(400)
     bench.run(500, lambda k: k < 410)
@@ -150,7 +150,7 @@ def test_work_that_is_over_while_it_is_halted_is_left_behind_it():
     assert bench.offsets[left] is None
 
 
-def test_halted_again_before_it_goes_on_it_stands():
+def test_second_halt_before_the_continuation_keeps_it_at_rest():
     bench = Bench(steady).order(0.4).run(400)
     bench.tracking.halt(400)
     bench.run(450)
@@ -211,7 +211,7 @@ def test_released_the_robot_is_free_and_the_next_order_counts():
     assert np.abs(bench.along(650, 800) - bench.due(0.3, 650, 800)).max() < 30e-6
 
 
-def test_a_jump_of_the_encoder_moves_nothing_and_too_many_are_told():
+def test_encoder_jump_moves_nothing_and_repeated_jumps_are_reported():
     bench = Bench(steady, {400: 0.03}).order(0.4).run(600)
     assert bench.tracking.observed.jumps[0] == 1
     assert bench.tracking.lost is None
@@ -224,7 +224,7 @@ def test_a_jump_of_the_encoder_moves_nothing_and_too_many_are_told():
     )
 
 
-def test_a_latch_tells_where_the_part_is_less_the_delay_of_the_barrier():
+def test_latch_gives_the_position_of_the_part_less_the_barrier_delay():
     tracking = Bench(steady).run(300, never).tracking
     tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), (math.floor(PER_M * 0.14),))])
     (part,) = tracking.take_parts(0)
@@ -232,7 +232,7 @@ def test_a_latch_tells_where_the_part_is_less_the_delay_of_the_barrier():
     assert part.along_m == pytest.approx(0.3 - 0.14 + 0.0005, abs=5e-6)
 
 
-def test_a_camera_tells_type_place_and_angle_with_the_count_of_its_picture():
+def test_camera_reports_type_position_and_angle_with_the_number_of_its_picture():
     tracking = Bench(steady).run(300, never).tracking
     seen = Sighting('bar', 0.5, 0.02, 0.3, math.floor(PER_M * 0.1))
     tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), (), (seen,))])
@@ -240,7 +240,7 @@ def test_a_camera_tells_type_place_and_angle_with_the_count_of_its_picture():
     assert part == QueuedPart('bar', pytest.approx(0.4, abs=2e-6), 0.02, 0.3, belt='line')
 
 
-def test_a_light_barrier_that_bounces_tells_a_part_once():
+def test_bouncing_light_barrier_reports_a_part_once():
     bench = Bench(steady).run(300, never)
     latched = tuple(math.floor(PER_M * way) for way in (0.14, 0.141, 0.143))
     bench.tracking.observe(300, [BeltReading(math.floor(PER_M * 0.15), latched)])
@@ -314,7 +314,7 @@ def test_a_fault_on_the_belt_stops_path_and_belt_motion_and_then_takes_the_torqu
     assert np.flatnonzero(bench.torque).tolist() == list(range(20, off))
 
 
-def test_the_plan_gets_on_and_leaves_and_ends_where_it_is_told():
+def test_plan_synchronizes_leaves_and_ends_at_the_given_positions():
     bench = Controlled().order(0.4)
     bench.task.start(FIRST)
     bench.go_on(FIRST + 1000)
@@ -343,7 +343,7 @@ def test_torques_on_a_belt_are_those_of_the_whole_motion():
     assert task.torques == pytest.approx(due, rel=1e-9)
 
 
-def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(monkeypatch):
+def test_unclaimed_parts_are_the_newest_and_older_ones_are_counted(monkeypatch):
     monkeypatch.setattr(belt_knowledge, 'PARTS_MAX', 3)
     tracking = BeltTracking(parameters.load(), [BELT])
     counts = [math.floor(PER_M * 0.1 * n) for n in range(5)]
@@ -358,7 +358,7 @@ def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(
 
 
 @pytest.mark.parametrize('jump_m', [0.03, -0.03])
-def test_a_part_in_a_picture_from_before_a_jump_is_told_where_it_was_then(jump_m):
+def test_part_in_a_picture_before_a_jump_keeps_its_position_of_then(jump_m):
     speed, taken = 0.3, 120
     bench = Bench(lambda time: speed * time).run(taken, never)
 

@@ -1,4 +1,4 @@
-"""Facts about the benchmark of picking from a belt: what it counts, and how it explains where parts are missed."""
+"""Tests of the benchmark of picking from a belt: what it counts, and how it explains where parts are missed."""
 
 import pytest
 
@@ -24,13 +24,13 @@ def rows(told):
     return {row['rate_per_min']: row for row in told[1]['rows']}
 
 
-def test_every_part_is_picked_as_long_as_the_robot_is_quicker_than_they_come(rows):
+def test_every_part_is_picked_while_the_robot_is_faster_than_their_rate(rows):
     row = rows[PICKS_ALL]
     assert row['share'] == 1.0
     assert row['picks_per_min'] == pytest.approx(PICKS_ALL, rel=0.02)
 
 
-def test_more_parts_than_the_robot_has_time_for_are_missed_and_the_limit_says_why(told, rows):
+def test_parts_beyond_the_rate_of_the_robot_are_missed_for_the_reason_of_the_limit(told, rows):
     (limit,) = told[1]['limits']
     assert rows[MISSES]['share'] < 0.95
     assert rows[MISSES]['picks_per_min'] < 60.0 / limit['cycle_s'] + 0.1 < MISSES
@@ -51,11 +51,11 @@ def test_parts_are_taken_within_what_is_promised(rows):
         assert 0.0 < row['error_rms_m'] <= row['error_max_m'] < 0.1e-3
 
 
-def test_parts_that_would_lie_on_each_other_are_no_case():
+def test_overlapping_parts_are_not_a_valid_case():
     assert belt_bench.measure([0.05], [60.0], 1.0)['rows'] == []
 
 
-def test_it_says_what_is_driven_and_prints_a_line_for_each_case(told):
+def test_output_names_the_program_and_has_a_line_for_each_case(told):
     stages, result = told
     assert stages == [('1.5 m/s, 60 parts a minute', 0, 2), ('1.5 m/s, 110 parts a minute', 1, 2)]
     lines = belt_bench.text(result)

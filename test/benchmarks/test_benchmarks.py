@@ -25,14 +25,14 @@ def run(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-def test_array_kinematics_come_back_to_where_they_began(capsys, monkeypatch):
+def test_array_kinematics_invert_each_other(capsys, monkeypatch):
     monkeypatch.setattr(simulation, 'POSES', 10_000)
     result = run(capsys, 'kinematics')
     assert result['round_trip_max_m'] < 2e-15
     assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity', 'capability'}
 
 
-def test_a_rate_is_compared_with_the_aim_of_its_own_direction():
+def test_rate_is_compared_with_the_target_of_its_direction():
     """Ten million inverse and five million forward solutions a second; no aim for the others."""
     rates = {name: {'median': 4e6, 'best': 6e6} for name in ('inverse', 'forward', 'jacobian')}
     text = simulation.kinematics_text({'poses_per_s': rates, 'round_trip_max_m': 1.5e-15, 'poses': 1000})
@@ -201,9 +201,7 @@ def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch,
         (0.3, 'page watched for 0.3 s: too short to say what it takes'),
     ],
 )
-def test_the_benchmark_tells_what_a_page_takes_if_it_was_watched_for_long(
-    watched_s, told, monkeypatch, capsys
-):
+def test_benchmark_reports_the_load_of_a_page_watched_for_long(watched_s, told, monkeypatch, capsys):
     page = {
         'page_watched_s': watched_s, 'page_cores': 0.095, 'page_pictures_hz': 30.2, 'page_kb_s': 214.0
     }  # fmt: skip
@@ -221,9 +219,7 @@ def test_the_benchmark_tells_what_a_page_takes_if_it_was_watched_for_long(
         (['--view', '--scope'], ['separate', 'viewed', 'scoped']),
     ],
 )
-def test_what_looks_at_a_robot_is_measured_beside_a_robot_that_nobody_looks_at(
-    options, cases, monkeypatch, capsys
-):
+def test_load_of_a_viewer_is_measured_against_an_unwatched_robot(options, cases, monkeypatch, capsys):
     monkeypatch.setattr(graph, 'in_child', lambda action: {'case': action.args[0]})
     result = run(capsys, 'graph', '--scheduling', 'ordinary', *options)
     assert [case for case in result if case in graph.CASES] == cases
@@ -251,7 +247,7 @@ def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys
         (['graph', '--seconds', '0.5'], '--seconds is 0.5, but must be between 1 and 3600'),
     ],
 )
-def test_an_option_of_another_benchmark_is_refused_by_name(arguments, reason, capsys):
+def test_an_option_of_another_benchmark_is_rejected_by_name(arguments, reason, capsys):
     with pytest.raises(SystemExit):
         bench.main(arguments)
     assert reason in capsys.readouterr().err
@@ -298,7 +294,7 @@ def test_processor_time_is_that_of_all_processes_over_the_cycles_between_two_loo
     assert found['memory_mib'] == {'plant': 60.0, 'mc4_drive_1': 60.0}
 
 
-def test_who_has_given_up_real_time_is_an_ordinary_user():
+def test_process_without_real_time_priority_has_an_ordinary_user():
     def look():
         scheduling.give_up_real_time()
         scheduling.set_scheduling(scheduling.Schedule.REAL_TIME)
@@ -307,7 +303,7 @@ def test_who_has_given_up_real_time_is_an_ordinary_user():
     assert in_child(look) == {'permitted': False, 'policy': os.SCHED_OTHER}
 
 
-def test_what_the_machine_refuses_to_a_case_is_a_sentence(capfd):
+def test_what_the_machine_rejects_to_a_case_is_a_sentence(capfd):
     def refused():
         raise OSError(28, 'No space left on device')
 

@@ -1,4 +1,4 @@
-"""Facts about the comparison of controllers, which do not depend on the machine."""
+"""Tests of the comparison of controllers, which do not depend on the machine."""
 
 import json
 import math
@@ -106,7 +106,7 @@ def test_the_true_error_is_that_of_the_true_tcp_and_heat_grows_with_the_square_o
     assert row['heat'] == pytest.approx((row['rms_current_a'] / 4.1) ** 2)
 
 
-def test_a_run_that_fails_is_told_in_its_place(monkeypatch):
+def test_failed_run_is_reported_in_its_place(monkeypatch):
     def fails(*_, **__):
         raise RunError('axis1 is not enabled')
 

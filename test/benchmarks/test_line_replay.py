@@ -1,4 +1,4 @@
-"""Facts about a minute of a line that is driven again: cycles take what the shift says, and no part is missed."""
+"""Tests of a minute of a line that is driven again: cycles take what the shift says, and no part is missed."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def test_the_full_simulation_takes_as_long_as_the_shift_and_misses_nothing(shift
     assert first == f'replay with the full simulation: {len(again)} of {len(again)} parts picked'
 
 
-def test_a_part_that_cannot_be_met_any_more_is_told(shift):
+def test_unreachable_part_is_reported(shift):
     line, found = shift
     late = replace(found, parts=found.parts._replace(enters_s=found.parts.enters_s - 1.2))
     told = line_replay.summary(line_replay.replay(line, late, 'robot1', 30.0, 1.5))
@@ -41,6 +41,6 @@ def test_a_part_that_cannot_be_met_any_more_is_told(shift):
     )
 
 
-def test_a_time_without_picks_is_refused(shift):
+def test_a_time_without_picks_is_rejected(shift):
     with pytest.raises(LineError, match='robot1 picked no part between 3600 s and 3660 s'):
         line_replay.replay(*shift, 'robot1', 3600.0)

@@ -1,4 +1,4 @@
-"""Facts about the table of a robot between two hosts; the hosts themselves: ``test/system/test_two_hosts.py``."""
+"""Tests of the table of a robot between two hosts; the hosts themselves: ``test/system/test_two_hosts.py``."""
 
 import io
 import json
@@ -30,7 +30,7 @@ class Link:
         self.told.append(conditions)
 
 
-def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_back(monkeypatch):
+def test_link_follows_the_case_during_motion_and_is_good_on_return(monkeypatch):
     monkeypatch.setattr(network, 'time', SimpleNamespace(sleep=lambda _: None))
     lines = [json.dumps(one) for one in ({'moving': True}, RUN, {'back_s': 1.5})]
     link, case = Link(), network.Case(two_hosts.Conditions(1e-3), 0.1)
@@ -45,7 +45,7 @@ def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_b
     ('lines', 'sentence'),
     [([], 'without a message'), (['{"error": "no robot within 120 s"}'], 'no robot within 120 s')],
 )
-def test_an_operator_that_has_ended_is_told(lines, sentence):
+def test_ended_operator_is_reported(lines, sentence):
     with pytest.raises(RunError, match=f'the operator of the robot has ended: {sentence}'):
         network.next_line(operator(*lines), 'ready')
 
@@ -68,7 +68,7 @@ def test_the_command_prints_a_line_for_each_link(monkeypatch, capsys):
     assert second.endswith(f'14.5 s  {fault}')
 
 
-def test_a_link_that_there_is_not_is_refused_by_name(capsys):
+def test_a_link_that_there_is_not_is_rejected_by_name(capsys):
     with pytest.raises(SystemExit):
         bench.main(['network', '--link', 'string'])
     assert "invalid choice: 'string'" in capsys.readouterr().err
@@ -81,7 +81,7 @@ def test_a_link_that_there_is_not_is_refused_by_name(capsys):
         ('TUN', two_hosts.Path('/nowhere'), '/nowhere is not available'),
     ],
 )
-def test_where_there_cannot_be_two_hosts_that_is_told(patched, value, sentence, monkeypatch, capsys):
+def test_impossible_two_host_set_up_is_reported(patched, value, sentence, monkeypatch, capsys):
     monkeypatch.setattr(two_hosts.os, 'geteuid', lambda: 0)
     monkeypatch.setattr(two_hosts, 'IP', '/bin/true')
     monkeypatch.setattr(two_hosts, patched, value)

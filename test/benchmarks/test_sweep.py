@@ -1,4 +1,4 @@
-"""Facts about ``delta3 bench sweep``: what it counts, and that it prints it."""
+"""Tests of ``delta3 bench sweep``: what it counts, and that it prints it."""
 
 import os
 
@@ -22,7 +22,7 @@ class Here:
         return {'here': function(*arguments)}
 
 
-def test_rates_planning_and_memory_are_told_for_one_worker_and_for_two(monkeypatch):
+def test_rates_planning_and_memory_are_reported_for_one_worker_and_two(monkeypatch):
     asked, made = [], []
     monkeypatch.setattr(sweep, 'LOOPED', 3)
     monkeypatch.setattr(sweep, 'WARMED', 1)

@@ -1,4 +1,4 @@
-"""Facts about the end of a robot that is up: it is braked, however old what it has told last may be."""
+"""Tests of the end of a robot that is up: it is braked, however old what it has told last may be."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ class Robot:
         (Robot([ENABLED, ENABLED, ENABLED, UP, UP], reachable_after=2), 2, 4),
     ],
 )
-def test_a_robot_is_asked_and_waited_for_until_it_says_that_it_is_without_torque(robot, asked_at, looks):
+def test_robot_is_asked_until_it_reports_to_be_without_torque(robot, asked_at, looks):
     brake(robot, robot.spin_for, LOOK_S)
     assert (robot.asked_at, robot.looks) == (asked_at, looks)
     assert robot.progress == UP
@@ -70,7 +70,7 @@ def looks_in(seconds):
     return round(seconds / LOOK_S)
 
 
-def test_a_robot_that_brakes_is_waited_for_as_long_as_it_tells_how_it_is():
+def test_braking_robot_is_waited_for_while_it_reports():
     slow = [replace(ENABLED) for _ in range(looks_in(3.0))]
     robot = Robot([*slow, UP, UP])
     brake(robot, robot.spin_for, LOOK_S)
@@ -84,7 +84,7 @@ def test_a_robot_that_does_not_answer_is_left_after_a_while():
     assert robot.looks == pytest.approx(looks_in(SILENCE_S), abs=1)  # sums of 0.05 are rounded
 
 
-def test_a_robot_that_goes_on_and_on_is_left_in_the_end():
+def test_endlessly_moving_robot_is_abandoned_in_the_end():
     robot = Robot([replace(ENABLED) for _ in range(10 * looks_in(STOP_TIMEOUT_S))])
     brake(robot, robot.spin_for, LOOK_S)
     assert robot.looks == pytest.approx(looks_in(STOP_TIMEOUT_S), abs=1)  # sums of 0.05 are rounded

@@ -1,4 +1,4 @@
-"""Facts about the look at real-time work: whoever it belongs to, too much of it is told, and nothing else is."""
+"""Tests of the look at real-time work: whoever it belongs to, too much of it is told, and nothing else is."""
 
 import os
 import signal
@@ -98,7 +98,7 @@ def test_work_that_takes_turns_and_work_in_the_kernel_count_as_well(
     )
 
 
-def test_real_time_work_below_the_limit_is_no_strain(machine: Machine) -> None:
+def test_real_time_work_below_the_limit_causes_no_strain(machine: Machine) -> None:
     assert cores_after(machine, CpuLoadMonitor(machine.folder), 0.98 * SHARE * CORES * LOOK_S) == 0.0
 
 
@@ -149,13 +149,13 @@ def room_beside(machine: Machine, needed: float, slowness: float = 1.0, **spent:
     return lack_of_room(1, needed, machine.folder, lambda: slowness)
 
 
-def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(machine: Machine) -> None:
+def test_idle_machine_has_capacity_and_starts_without_waiting(machine: Machine) -> None:
     machine.process(1, 'robot', 50.0, policy=0)
     assert lack_of_room(1, FREE, machine.folder) == ''
     assert f'of {CORES} cores' in lack_of_room(1, FREE + 0.01, machine.folder)
 
 
-def test_real_time_work_of_strangers_takes_its_room(machine: Machine) -> None:
+def test_real_time_work_of_other_processes_is_counted(machine: Machine) -> None:
     assert room_beside(machine, 0.5 * FREE, audio=0.4 * FREE) == ''
     told = room_beside(machine, 0.5 * FREE, audio=0.6 * FREE)
     assert f'take {0.6 * FREE:.2f} of {CORES} cores, this robot needs {0.5 * FREE:.2f} more' in told
@@ -239,7 +239,7 @@ def test_the_second_of_two_asks_when_the_first_has_what_it_needs(tmp_path: Path)
     assert order == ['first is up', 'second asks']
 
 
-def test_children_that_are_started_meanwhile_keep_nobody_waiting(tmp_path: Path) -> None:
+def test_children_started_meanwhile_delay_no_exit(tmp_path: Path) -> None:
     with in_turn(tmp_path):
         child = os.fork()
         if not child:
@@ -255,7 +255,9 @@ def test_children_that_are_started_meanwhile_keep_nobody_waiting(tmp_path: Path)
         os.waitpid(child, 0)
 
 
-def test_one_who_never_lets_go_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_permanently_pressed_button_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cpu_load, 'TURN_S', 3 * POLL_S)
     with in_turn(tmp_path):
         begin = time.monotonic()

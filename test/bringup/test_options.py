@@ -1,4 +1,4 @@
-"""Facts about what a bring-up makes of its options before its first process starts."""
+"""Tests of what a bring-up makes of its options before its first process starts."""
 
 import math
 
@@ -11,7 +11,7 @@ from delta3_pacdrive.errors import ProgramError
 TURNS = 'start_turn_deg: 30\nmoves: [{turn: {to_deg: 90}}]\n'
 
 
-def test_a_tool_stands_where_its_program_starts(robot, tmp_path):
+def test_tool_is_at_the_start_of_its_program(robot, tmp_path):
     path, program = tmp_path / 'turning.yaml', tmp_path / 'program.yaml'
     program.write_text(TURNS)
     parameters.write(robot.replace(rotary__present=True), path)
@@ -20,7 +20,7 @@ def test_a_tool_stands_where_its_program_starts(robot, tmp_path):
     assert planned.plan.end_turn_rad == pytest.approx(math.pi / 2)
 
 
-def test_a_program_that_turns_is_refused_by_name_where_there_is_no_rotary_axis(tmp_path):
+def test_program_with_rotation_is_rejected_without_a_rotary_axis(tmp_path):
     program = tmp_path / 'program.yaml'
     program.write_text(TURNS)
     with pytest.raises(ProgramError, match=r'the robot has no rotary axis \(rotary.present is false\)'):

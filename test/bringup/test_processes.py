@@ -1,4 +1,4 @@
-"""Facts about the processes of a robot: who may be one, how they are scheduled, and how they end."""
+"""Tests of the processes of a robot: who may be one, how they are scheduled, and how they end."""
 
 import fcntl
 import os
@@ -114,7 +114,7 @@ def child_of(process, tmp_path, name, patience_s=1.0):
     return ManagedProcess(name, process.pid, tmp_path / 'log', patience_s)
 
 
-def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path):
+def test_end_all_gives_each_process_its_time_and_names_the_killed_ones(tmp_path):
     quick, slow, deaf = (started(way) for way in ('0', '0.3', 'never'))
     children = [
         child_of(quick, tmp_path, 'quick'),
@@ -140,7 +140,7 @@ os._exit(0)
 """
 
 
-def test_end_all_kills_what_a_child_has_started_and_left_behind(tmp_path):
+def test_end_all_kills_grandchildren(tmp_path):
     parent = subprocess.Popen(
         [sys.executable, '-c', f'import signal; signal.pthread_sigmask(0, [2]); {PARENT}'],
         stdout=subprocess.PIPE,
@@ -180,7 +180,7 @@ def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
         (1, 'error: one\nTraceback\n', 'plant ended with status 1: one'),
     ],
 )
-def test_an_ending_is_told_with_the_last_error(status, printed, sentence, tmp_path):
+def test_end_is_reported_with_the_last_error(status, printed, sentence, tmp_path):
     (tmp_path / 'log').write_text(printed)
     assert ManagedProcess('plant', 0, tmp_path / 'log', status=status).ending() == sentence
 
@@ -362,7 +362,7 @@ sys.exit(node_process.run([fail] * int(sys.argv[1]), []))
 
 
 @pytest.mark.parametrize('nodes', [1, 2])
-def test_a_process_knows_whether_its_node_is_alone_and_says_why_it_cannot_begin(nodes):
+def test_process_knows_if_its_node_is_alone_and_why_it_cannot_begin(nodes):
     done = run_python(ALONE, str(nodes))
     assert done.stdout == f'{nodes == 1}\n'
     assert done.stderr == 'error: no node today\n'
@@ -372,7 +372,7 @@ def test_a_process_knows_whether_its_node_is_alone_and_says_why_it_cannot_begin(
 # what a bring-up refuses before the first process starts
 
 
-def test_a_bring_up_refuses_what_cannot_work_before_anything_starts(tmp_path):
+def test_a_bring_up_rejects_what_cannot_work_before_anything_starts(tmp_path):
     (tmp_path / 'bag').mkdir()
     with pytest.raises(RunError, match='bag: it exists already'):
         Bringup(Options(program=None, bag=tmp_path / 'bag'))

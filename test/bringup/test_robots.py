@@ -1,4 +1,4 @@
-"""Facts about several robots under one supervisor: what happens to one does not touch the others."""
+"""Tests of several robots under one supervisor: what happens to one does not touch the others."""
 
 import os
 import signal
@@ -101,7 +101,7 @@ def ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, RobotNow
     return {robot.namespace: robot for robot in supervisor.now}
 
 
-def test_robots_live_on_when_others_die_and_each_ending_is_told(ended: dict[str, RobotNow]) -> None:
+def test_robots_outlive_others_and_each_exit_is_reported(ended: dict[str, RobotNow]) -> None:
     assert {name: robot.error for name, robot in ended.items()} == {
         '/robot1': '',
         '/robot2': 'robot was killed by SIGKILL in bus cycle 17',
@@ -115,7 +115,7 @@ def test_robots_live_on_when_others_die_and_each_ending_is_told(ended: dict[str,
     ]
 
 
-def test_the_supervisor_hears_how_each_robot_is(ended: dict[str, RobotNow]) -> None:
+def test_supervisor_receives_the_state_of_each_robot(ended: dict[str, RobotNow]) -> None:
     for name, robot in ended.items():
         # four robots share two cores
         assert robot.notes == [f'{name} waits {2.0 * Options(program=None).patience_s:g} s']
@@ -133,7 +133,7 @@ def test_namespaces_are_below_the_prefix() -> None:
     assert bag_of(Path('bags'), '/hall/robot3') == Path('bags/robot3')
 
 
-def test_ten_robots_find_each_other_and_what_is_more_is_refused_with_what_is_possible() -> None:
+def test_ten_robots_find_each_other_and_what_is_more_is_rejected_with_what_is_possible() -> None:
     single = Options(program=None, single_process=True)
     require_room(10, single, page=False)
     with pytest.raises(RunError, match=r'11 robots would have 33 participants.* 10 robots are possible'):
@@ -144,7 +144,7 @@ def test_ten_robots_find_each_other_and_what_is_more_is_refused_with_what_is_pos
         require_room(5, Options(program=None), page=False)
 
 
-def test_what_is_wrong_for_all_is_told_before_anything_starts(tmp_path: Path) -> None:
+def test_common_error_is_reported_before_anything_starts(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="namespace '/cell 2/robot1' is not valid"):
         Robots([Options(program=None, namespace='/cell 2/robot1')], False, None, 0.0)
     (tmp_path / 'robot2').mkdir()
@@ -195,7 +195,7 @@ def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, m
     assert given[-1] == [['no room' if permitted else None]] * 3
 
 
-def test_robots_of_one_bus_clock_begin_without_those_that_do_not_come_up(
+def test_robots_of_one_bus_clock_begin_without_those_that_do_not_start(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(robots, 'Bringup', Clocked)
@@ -210,8 +210,6 @@ def test_robots_of_one_bus_clock_begin_without_those_that_do_not_come_up(
 @pytest.mark.parametrize(
     ('clock', 'phase', 'waits'), [('/clock', 'CP3', True), ('/clock', 'CP2', False), ('', 'CP3', False)]
 )
-def test_who_only_waits_for_others_of_its_bus_clock_does_not_give_up(
-    clock: str, phase: str, waits: bool
-) -> None:
+def test_participant_waiting_for_its_bus_clock_does_not_time_out(clock: str, phase: str, waits: bool) -> None:
     assert waits_for_others(Options(program=None, shared_clock=clock), MotionProgress(phase=phase)) is waits
     assert not waits_for_others(Options(program=None, shared_clock=clock), NO_REPORT)

@@ -1,4 +1,4 @@
-"""Facts about a cell on the bus: outputs act a cycle later, inputs go out with their cycle, parts are told once."""
+"""Tests of a cell on the bus: outputs act a cycle later, inputs go out with their cycle, parts are told once."""
 
 import json
 from dataclasses import replace
@@ -83,7 +83,7 @@ def test_a_cycle_waits_for_the_outputs_of_the_mdt_before(bench):
     assert not bench.around.knows(2)
 
 
-def test_outputs_act_in_the_cycle_behind_their_mdt_however_far_ahead_it_came(bench):
+def test_outputs_act_in_the_cycle_after_their_mdt_however_early_it_arrived(bench):
     for cycle in range(8):
         bench.around.take_outputs(cycle, int(cycle >= 3))
     seen = []
@@ -129,7 +129,7 @@ def test_bus_time_that_the_plant_was_not_in_goes_by_with_the_robot_at_rest(bench
     assert bench.inputs[50]['start']
 
 
-def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
+def test_published_log_of_parts_equals_the_report_of_the_cell(bench):
     bench.run(5)
     bench.run(30, outputs=1)
     assert bench.log().report()['parts'][0]['outcome'] == 'in hand'
@@ -147,7 +147,7 @@ def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
 
 
 @pytest.mark.parametrize('tcp', [UP, PICK], ids=['nothing is taken', 'a part is in hand'])
-def test_what_is_not_over_in_the_end_is_told_to_who_asks(bench, tcp):
+def test_unfinished_request_is_reported_to_its_client_in_the_end(bench, tcp):
     bench.run(30, outputs=1, tcp=tcp)
     for step in range(50):
         bench.run(1, outputs=1, tcp=(tcp[0], tcp[1], tcp[2] + 1e-4 * step))
@@ -233,7 +233,7 @@ def test_the_greatest_error_of_parts_that_are_added_up_counts_whenever_they_came
 
 
 @pytest.mark.parametrize('text', ['', '[]', '{}', '{"parts": [1], "misses": []}', 'x' * 1000])
-def test_a_foreign_log_of_parts_is_refused_and_changes_nothing(text):
+def test_third_party_parts_log_is_rejected_and_changes_nothing(text):
     log = PartsLog()
     with pytest.raises(TelegramError, match='is not a valid log of parts'):
         log.add(text)
@@ -255,7 +255,7 @@ OF_LATER = ('size_m', 'stays')  # a recording of before does not tell them
 
 
 @pytest.mark.parametrize(('name', 'value'), [(name, value) for name in STRANGE for value in STRANGE[name]])
-def test_a_part_that_is_none_is_refused_and_changes_nothing(name, value):
+def test_invalid_part_is_rejected_and_changes_nothing(name, value):
     log = PartsLog(kept_max=0)
     told = {'cell': 'bench', 'inputs': [], 'belts': [], 'misses': []}
     log.add(json.dumps(told | {'parts': [part(1)]}))
@@ -277,7 +277,7 @@ def test_a_part_of_a_recording_of_before_has_been_nowhere():
 
 
 @pytest.mark.parametrize('about', [{'cell': 3}, {'inputs': 'all'}, {'belts': [1]}])
-def test_a_log_of_a_nameless_cell_is_refused(about):
+def test_a_log_of_a_nameless_cell_is_rejected(about):
     told = {'cell': 'bench', 'inputs': [], 'belts': [], 'misses': [], 'parts': []}
     with pytest.raises(TelegramError, match='is not a valid log of parts'):
         PartsLog().add(json.dumps(told | about))
@@ -297,7 +297,7 @@ def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
     assert not bench.around.to_dict()['inputs']['start']['forced']
 
 
-def test_an_input_that_there_is_not_is_refused_by_the_names_that_there_are(bench):
+def test_an_input_that_there_is_not_is_rejected_by_the_names_that_there_are(bench):
     reason = bench.around.force('strat', True)
     assert isinstance(reason, Reason)
     assert reason.code is Code.CONTENT

@@ -1,4 +1,4 @@
-"""Facts about cell files: what is right is read in SI units, what is wrong is told with its place and its rule."""
+"""Tests of cell files: what is right is read in SI units, what is wrong is told with its place and its rule."""
 
 import math
 
@@ -45,7 +45,7 @@ def read(text):
     return cell_file.parse(yaml_file.parse(text, 'cell file', CellError))
 
 
-def test_everything_that_a_cell_file_says_is_there_in_si_units():
+def test_cell_file_is_read_in_si_units():
     cell = read(WHOLE)
     assert (cell.name, cell.seed, cell.drop_max_m) == ('two places', 7, 0.004)
     cup = cell.cup
@@ -149,13 +149,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize('text', WRONG)
-def test_what_is_wrong_is_told_with_its_place_and_its_rule(text):
+def test_error_is_reported_with_place_and_rule(text):
     with pytest.raises(CellError) as refused:
         read(text)
     assert WRONG[text] in str(refused.value)
 
 
-def test_several_mistakes_are_told_at_once_with_the_name_of_the_file(tmp_path):
+def test_several_errors_are_reported_together_with_the_name_of_the_file(tmp_path):
     path = tmp_path / 'mine.yaml'
     text = WHOLE.replace('output2', 'griper').replace('friction', 'frition').replace('seed: 7', 'seed: -7')
     path.write_text(text, encoding='utf-8')

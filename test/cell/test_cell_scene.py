@@ -1,4 +1,4 @@
-"""Facts about what is told of the things around a robot, for who draws them."""
+"""Tests of what is told of the things around a robot, for who draws them."""
 
 import json
 
@@ -32,7 +32,7 @@ def scene():
     return json.loads(json.dumps(World(cell_file.parse(DOCUMENT), 1e-3).scene))
 
 
-def test_everything_that_stands_somewhere_is_told_with_its_middle_and_its_size(scene):
+def test_every_placed_object_has_its_centre_and_size(scene):
     found = {(thing.kind, thing.name): (*thing.at_m, *thing.size_m) for thing in cell_scene.read(scene)}
     assert found == {
         (Kind.BELT, 'line'): pytest.approx((-0.4, 0.5, -0.87, 0.8, 0.3)),
@@ -47,7 +47,7 @@ def test_everything_that_stands_somewhere_is_told_with_its_middle_and_its_size(s
     assert scene['cell'] == 'all'
 
 
-def test_a_belt_is_told_with_its_direction_and_its_encoder(scene):
+def test_belt_is_described_with_direction_and_encoder(scene):
     line = cell_scene.read(scene)[0]
     assert (line.angle_rad, line.increments_per_m) == pytest.approx((1.5707963267948966, 2048.0))
 
@@ -60,7 +60,7 @@ def test_a_belt_is_told_with_its_direction_and_its_encoder(scene):
         ('increments_per_m', -1.0), ('increments_per_m', 'many'), ('more', 1),
     ],
 )  # fmt: skip
-def test_a_foreign_thing_is_refused(scene, name, value):
+def test_invalid_scene_object_is_rejected(scene, name, value):
     scene['things'][0][name] = value
     with pytest.raises(TelegramError, match='is not a valid scene of a cell'):
         cell_scene.read(scene)
@@ -71,6 +71,6 @@ def test_a_foreign_thing_is_refused(scene, name, value):
     [None, [], 'x', {}, {'cell': 'a', 'things': 3}, {'cell': 1, 'things': []}, {'cell': 'a', 'things': [[]]},
      {'cell': 'a', 'things': [{}] * (cell_scene.THINGS_MAX + 1)}],
 )  # fmt: skip
-def test_a_foreign_scene_is_refused(told):
+def test_scene_of_another_publisher_is_rejected(told):
     with pytest.raises(TelegramError, match='is not a valid scene of a cell'):
         cell_scene.read(told)

@@ -1,4 +1,4 @@
-"""Facts about where parts have been: each stay begins where the one before has ended."""
+"""Tests of where parts have been: each stay begins where the one before has ended."""
 
 import math
 
@@ -66,7 +66,7 @@ def test_a_part_goes_with_the_tcp_and_lies_where_it_was_let_go_until_it_is_taken
     assert part.size_m == (0.06, 0.04, 0.02)
 
 
-def test_that_a_part_was_taken_away_is_told_when_it_happens():
+def test_removal_of_a_part_is_reported_when_it_happens():
     world = world_of(boxes={'tray': {'at_mm': [-100, 0, -870], 'clears_s': 0.05}})
     told = []
     for cycle in range(200):

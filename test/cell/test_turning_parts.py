@@ -1,4 +1,4 @@
-"""Facts about parts on a rotary axis: they turn with the tool, about the TCP, and lie as they were put down."""
+"""Tests of parts on a rotary axis: they turn with the tool, about the TCP, and lie as they were put down."""
 
 import math
 
@@ -77,7 +77,7 @@ def test_a_part_lies_turned_by_as_much_as_the_tool_was(begin, end):
     assert all(place == stay.at_m and angle == stay.angle_rad for stay, place, angle in lying)
 
 
-def test_a_part_that_is_held_beside_its_middle_goes_around_the_tcp():
+def test_part_held_off_centre_rotates_around_the_tcp():
     hand = Turner()
     hand.carry(beside=(0.003, -0.002))
     error = hand.part.place_error_m
@@ -88,7 +88,7 @@ def test_a_part_that_is_held_beside_its_middle_goes_around_the_tcp():
     assert lies.at_m[:2] == pytest.approx((PLACE[0] - 0.002, PLACE[1] - 0.003), abs=ROUNDED_M)
 
 
-def test_a_cup_beside_the_tcp_goes_around_it_with_its_part():
+def test_offset_cup_rotates_around_the_tcp_with_its_part():
     hand = Turner(DOCUMENT | {'cup': DOCUMENT['cup'] | {'offset_mm': [10, 0, 0]}})
     hand.carry(beside=(-0.010, 0.0))
     assert hand.part.outcome is Outcome.PLACED
@@ -96,7 +96,7 @@ def test_a_cup_beside_the_tcp_goes_around_it_with_its_part():
     assert hand.part.place_error_m[:2] == pytest.approx((0.0, 0.010), abs=ROUNDED_M)
 
 
-def test_the_stays_tell_where_a_part_in_hand_is_and_how_it_is_turned_in_every_cycle():
+def test_dwell_records_give_position_and_rotation_of_a_gripped_part_in_every_cycle():
     hand = Turner()
     hand.carry(beside=(0.003, 0.0), begin=0.2, end=1.7)
     carried = [(place, angle) for stay, place, angle in hand.seen if stay.how is How.IN_HAND]

@@ -1,4 +1,4 @@
-"""Facts about valve, vacuum and the force of a cup."""
+"""Tests of valve, vacuum and the force of a cup."""
 
 import math
 
@@ -19,7 +19,7 @@ def signal(**delays):
     return BinarySignal(Delays(**delays), CYCLE_S, np.random.default_rng(1))
 
 
-def test_a_signal_comes_after_its_delay_on_and_off():
+def test_signal_has_its_delay_on_and_off():
     follower = signal(on_s=0.003, off_s=0.001)
     told = [follower.step(value) for value in [False, *[True] * 6, *[False] * 3]]
     assert told == [False, *[False] * 3, *[True] * 3, True, False, False]
@@ -86,7 +86,7 @@ def test_sideways_the_friction_has_to_hold_a_part_with_what_its_weight_leaves():
     st.tuples(*[st.floats(-200.0, 200.0)] * 3),
     st.floats(0.0, 1000.0),
 )
-def test_a_part_holds_exactly_if_neither_weight_nor_friction_gives_way(mass, friction, acceleration, force):
+def test_part_holds_exactly_if_weight_and_friction_hold(mass, friction, acceleration, force):
     needed, normal = force_needed_n(mass, friction, acceleration)
     lateral = mass * math.hypot(*acceleration[:2])
     slack = 1e-9 * (force + needed + lateral / friction + 1.0)

@@ -1,4 +1,4 @@
-"""Facts about a cell around a TCP that moves as it is told: what becomes of parts, and what the inputs tell."""
+"""Tests of a cell around a TCP that moves as it is told: what becomes of parts, and what the inputs tell."""
 
 import math
 
@@ -69,7 +69,7 @@ def changed(**more):
     return DOCUMENT | {'cup': DOCUMENT['cup'] | more}
 
 
-def test_a_part_is_picked_carried_and_placed_and_its_record_says_how_well():
+def test_part_is_picked_carried_and_placed_and_its_record_has_the_errors():
     hand = Hand()
     hand.at = (-0.102, 0.001, -0.8495)
     hand.pick_and_place((0.101, 0.002, -0.849))
@@ -138,7 +138,7 @@ def test_the_switch_falls_back_below_its_lower_threshold():
         ((-0.108, 0.006, -0.85), '10.0 mm from the axis of the cup'),
     ],
 )
-def test_a_cup_too_far_from_a_part_misses_it_and_says_by_how_much(place, told):
+def test_distant_cup_misses_its_part_and_reports_the_distance(place, told):
     hand = Hand()
     hand.at = place
     hand.stay(ON, 50)
@@ -203,7 +203,7 @@ def test_a_part_let_go_too_high_is_dropped_and_one_pressed_down_too():
     )
 
 
-def test_layers_stand_on_each_other_and_their_places_are_counted_on():
+def test_layers_are_stacked_and_their_number_is_counted():
     hand = Hand()
     hand.pick_and_place()
     hand.pick_and_place((0.181, 0.0, -0.85))
@@ -225,7 +225,7 @@ def test_a_box_that_is_cleared_has_room_again():
     assert [part.place for part in hand.parts[:2]] == [0, 0]
 
 
-def test_the_next_part_comes_when_its_time_has_passed_until_there_are_no_more():
+def test_next_part_arrives_after_its_interval_until_the_last():
     hand = Hand()
     counts = []
     for _ in range(4):
@@ -248,14 +248,14 @@ def test_a_sensor_sees_parts_that_lie_there_and_those_that_are_carried_past():
     assert seen == [True, True, False]
 
 
-def test_inputs_change_when_they_are_told_to_from_the_start_of_the_program_on():
+def test_inputs_change_at_their_times_after_the_start_of_the_program():
     changes = [{'after_s': 0.01, 'value': True}, {'after_s': 0.02, 'value': False}]
     hand = Hand({'inputs': {'start': {'changes': changes, 'delays': {'on_s': 0.002}}}}, start_cycle=5)
     told = [dict(hand.world.step(cycle, PICK, OFF))['start'] for cycle in range(40)]
     assert [cycle for cycle, value in enumerate(told) if value] == list(range(17, 25))
 
 
-def test_an_input_that_sticks_tells_the_same_whatever_is_true():
+def test_stuck_input_reports_the_same_value_whatever_the_truth():
     stuck = {'fault': 'input_stuck', 'input': 'vacuum', 'value': False, 'after_s': 0.05, 'for_s': 0.02}
     told = Hand(DOCUMENT | {'faults': [stuck]}).stay(ON, 100)
     assert told[49:71] == [True, *[False] * 20, True]
@@ -274,7 +274,7 @@ def test_the_same_cell_gives_the_same_bits_and_another_seed_others():
 
 
 @pytest.mark.parametrize('cycle', [3, 4, 6, -1])
-def test_a_bus_cycle_that_does_not_follow_the_last_one_is_refused(cycle):
+def test_a_bus_cycle_that_does_not_follow_the_last_one_is_rejected(cycle):
     hand = Hand()
     hand.stay(OFF, 5)
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 calibrate``: what it takes, what it prints, and its exit status."""
+"""Tests of ``delta3 calibrate``: what it takes, what it prints, and its exit status."""
 
 import json
 
@@ -77,7 +77,7 @@ def test_a_plan_leaves_a_table_and_a_program(tmp_path, capsys, robot):
     assert len(program.statements) == 32  # a move and a dwell each
 
 
-def test_a_table_that_was_not_filled_in_is_refused(tmp_path, capsys):
+def test_a_table_that_was_not_filled_in_is_rejected(tmp_path, capsys):
     folder = tmp_path / 'a'
     assert calibrate.main(['plan', '--output', str(folder)]) == 0
     capsys.readouterr()
@@ -86,7 +86,7 @@ def test_a_table_that_was_not_filled_in_is_refused(tmp_path, capsys):
     assert not (tmp_path / 'b').exists()
 
 
-def test_a_table_of_somebody_else_is_read_as_its_column_file_says(tmp_path, capsys):
+def test_third_party_table_is_read_with_its_column_file(tmp_path, capsys):
     table, columns = tmp_path / 'theirs.csv', tmp_path / 'columns.yaml'
     table.write_text('W1,W2,W3,X,Y,Z\n10,20,30,1,2,-800\n')
     told = [('arm_position', n, 'deg', f'W{n}') for n in (1, 2, 3)]

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 simulate --cell``: the cell that is named is around the robot, and what is told of it."""
+"""Tests of ``delta3 simulate --cell``: the cell that is named is around the robot, and what is told of it."""
 
 import json
 
@@ -23,7 +23,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_cell_that_is_named_is_told_of_in_the_json_and_its_file_in_the_provenance(files, capsys):
+def test_named_cell_is_in_the_json_and_its_file_in_the_provenance(files, capsys):
     assert simulate.main(['p.yaml', '--cell', 'c.yaml', '--json']) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result['cell']['cell'], result['cell']['picked']) == ('mine', 1)
@@ -51,7 +51,7 @@ def test_signals_of_a_cell_are_in_the_trace_on_request(files):
         ),
     ],
 )
-def test_what_a_cell_is_not_for_is_refused(files, arguments, told, capsys):
+def test_what_a_cell_is_not_for_is_rejected(files, arguments, told, capsys):
     with pytest.raises(SystemExit):
         simulate.main(['p.yaml', *arguments])
     assert told in capsys.readouterr().err

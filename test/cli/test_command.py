@@ -1,4 +1,4 @@
-"""Facts about how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
+"""Tests of how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
 
 from dataclasses import dataclass
 
@@ -73,7 +73,7 @@ def test_a_deprecated_name_works_with_a_warning_and_is_in_neither_help_nor_compl
 
 
 @pytest.mark.parametrize('text', ['-1', '-.5', '-1e3', '-2.5E-7', '-inf'])
-def test_a_negative_number_is_no_option(text):
+def test_negative_number_is_not_read_as_option(text):
     assert read('go', text).inputs == [text]
     assert read('go', '--pose', text, text).pose == [float(text)] * 2
 
@@ -88,7 +88,7 @@ def test_what_is_given_is_what_is_not_as_it_is_by_default():
     ('arguments', 'name'),
     [(['go', ''], 'INPUT'), (['go', '-s', ''], '--set/-s'), (['go', '--set', 'a', '--set='], '--set/-s')],
 )
-def test_what_is_empty_is_refused_by_name(arguments, name, capsys):
+def test_what_is_empty_is_rejected_by_name(arguments, name, capsys):
     with pytest.raises(SystemExit) as end:
         read(*arguments)
     assert end.value.code == 2
@@ -109,7 +109,7 @@ def test_every_name_of_a_file_or_a_folder_must_not_be_empty(capsys):
     assert seen > 25
 
 
-def test_an_option_that_an_action_does_not_obey_is_refused_by_name(capsys):
+def test_an_option_that_an_action_does_not_obey_is_rejected_by_name(capsys):
     with pytest.raises(SystemExit) as end:
         read('stop', '--speed', '1')
     assert end.value.code == 2
@@ -160,7 +160,7 @@ def test_one_place_prints_the_result_of_every_command(capsys):
     assert capsys.readouterr() == ('', '')
 
 
-def test_the_help_tells_actions_and_the_defaults_that_say_something():
+def test_help_lists_actions_and_meaningful_defaults():
     text = command().parser().format_help()
     for line in ('  go    start', '  stop  end', 'how fast (default: 0.0)'):
         assert line in text
@@ -174,7 +174,7 @@ def test_completion_offers_options_choices_and_programs():
 
 
 @pytest.mark.parametrize('kind', ['rich', 'rotary', 'rich+rotary'])
-def test_that_kernels_of_a_kind_of_robot_compile_is_told(kind, monkeypatch, capsys):
+def test_compilation_of_kernels_of_a_kind_of_robot_is_reported(kind, monkeypatch, capsys):
     done, compiled = {''}, []
 
     def compile_kernels(robot, show):

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 export``: the model of the robot that was asked for, the signals of a recording."""
+"""Tests of ``delta3 export``: the model of the robot that was asked for, the signals of a recording."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def test_the_model_is_of_the_parameters_that_are_named(tmp_path, capsys, robot):
     assert text == urdf(other) != urdf(robot)
 
 
-def test_what_cannot_be_written_or_is_no_format_is_one_sentence(tmp_path, capsys):
+def test_unwritable_file_and_unknown_format_are_one_sentence(tmp_path, capsys):
     assert export.main(['mjcf', '--output', str(tmp_path / 'absent' / 'model.xml')]) == 1
     error = capsys.readouterr().err
     assert error.startswith('error: cannot write ')

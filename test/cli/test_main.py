@@ -1,4 +1,4 @@
-"""Facts about the command line itself: what it prints for people, check, completion, version."""
+"""Tests of the command line itself: what it prints for people, check, completion, version."""
 
 import json
 import subprocess
@@ -33,7 +33,7 @@ def printed(figures):
     return rows
 
 
-def test_people_read_the_figures_of_a_run_in_their_units():
+def test_users_read_the_figures_of_a_run_in_their_units():
     assert printed(FIGURES) == {
         'bus time': ['2.500 s in 1250 cycles'],
         'wall time': ['0.500 s (5.00 x real time)'],
@@ -46,7 +46,7 @@ def test_people_read_the_figures_of_a_run_in_their_units():
     }
 
 
-def test_people_read_rounds_notices_and_the_bus():
+def test_users_read_rounds_notices_and_the_bus():
     more = {'repeat': 6, 'program_s': 12.0, 'notices': ['one', 'two'], 'overruns': 3, 'lost_telegrams': 4}
     rows = printed(FIGURES | more)
     assert rows['rounds'] == ['6 in 12.000 s: 30.0 per minute']
@@ -55,7 +55,7 @@ def test_people_read_rounds_notices_and_the_bus():
     assert 'rounds' not in printed(FIGURES | more | {'repeat': 1})
 
 
-def test_people_read_what_has_happened_to_parts_and_why():
+def test_users_read_the_outcome_of_parts_and_the_reasons():
     outcomes = {'waiting': 1, 'in hand': 0, 'placed': 3, 'lost': 7}
     parts = [
         {'number': n, 'type': 'bar', 'outcome': 'lost', 'reason': f'it slid off at {n}'} for n in range(7)
@@ -82,7 +82,7 @@ LINE = (
 )
 
 
-def test_check_tells_kind_length_and_time_of_every_move(tmp_path, capsys):
+def test_check_reports_kind_length_and_time_of_every_move(tmp_path, capsys):
     path = tmp_path / 'line.yaml'
     path.write_text(LINE)
     assert check.main([str(path)]) == 0
@@ -96,7 +96,7 @@ def test_check_tells_kind_length_and_time_of_every_move(tmp_path, capsys):
     assert lines[3].split()[:3] == ['whole', f'{time + 0.25:.3f}', 's,']
 
 
-def test_check_tells_a_program_the_same_to_programs(tmp_path, capsys):
+def test_check_reports_a_program_to_programs_in_the_same_form(tmp_path, capsys):
     path = tmp_path / 'line.yaml'
     path.write_text(
         LINE + 'faults: [{fault: overload, axis: axis1, torque_n_m: 2, after_s: 0.1, for_s: 0.2}]'
@@ -109,7 +109,7 @@ def test_check_tells_a_program_the_same_to_programs(tmp_path, capsys):
     assert result['faults'] == ['overload axis1 torque_n_m 2 after 0.1 s for 0.2 s']
 
 
-def test_check_tells_a_move_that_is_slowed_down(tmp_path, capsys):
+def test_check_reports_a_move_that_is_slowed_down(tmp_path, capsys):
     path = tmp_path / 'fast.yaml'
     path.write_text(
         'start_m: [0, 0, -0.8]\n'
@@ -122,7 +122,7 @@ def test_check_tells_a_move_that_is_slowed_down(tmp_path, capsys):
     assert 'rms current' in notes[1]
 
 
-def test_check_tells_all_mistakes_of_all_files(tmp_path, capsys):
+def test_check_reports_all_errors_of_all_files(tmp_path, capsys):
     (tmp_path / 'bad.yaml').write_text('moves:\n- {move_l: {to_m: [0.1, x, -0.8]}}\n- {dwel: {time_s: 1}}\n')
     (tmp_path / 'far.yaml').write_text('moves: [{move_l: {to_m: [5, 0, -0.8]}}]')
     (tmp_path / 'faults.yaml').write_text('- {fault: drop_mdt, axis: axis1}\n- {fault: kil, node: plant}\n')
@@ -160,7 +160,7 @@ def test_check_reads_parameters_and_faults(tmp_path, capsys):
         'ros__parameters: {motion: {speed_max_m_s: 2.0}}\n',
     ],
 )
-def test_check_tells_how_parameters_without_their_header_become_a_parameter_file(text, tmp_path, capsys):
+def test_check_reports_how_to_make_a_parameter_file_from_one_without_header(text, tmp_path, capsys):
     path = tmp_path / 'fast.yaml'
     path.write_text(text)
     assert check.main([str(path)]) == 1
@@ -170,7 +170,7 @@ def test_check_tells_how_parameters_without_their_header_become_a_parameter_file
     assert 'begin it with the lines "/**:" and "  ros__parameters:"' in line
 
 
-def test_the_packaged_programs_stand_in_the_help(capsys):
+def test_packaged_programs_are_listed_in_the_help(capsys):
     for command in ('run', 'simulate', 'check'):
         with pytest.raises(SystemExit, match='0'):
             main([command, '--help'])
@@ -178,7 +178,7 @@ def test_the_packaged_programs_stand_in_the_help(capsys):
         assert ', '.join(programs.packaged_names()) in text
 
 
-def test_the_version_is_told(capsys):
+def test_version_is_printed(capsys):
     assert main(['--version']) == 0
     name, version = capsys.readouterr().out.split()
     assert name == 'delta3_pacdrive'

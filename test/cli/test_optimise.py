@@ -28,7 +28,7 @@ def spec(tmp_path, monkeypatch):
         (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
     ],
 )
-def test_options_that_do_not_go_together_are_refused_in_one_sentence(
+def test_options_that_do_not_go_together_are_rejected_in_one_sentence(
     options, sentence, spec, tmp_path, capsys
 ):
     assert main(['optimise', spec, *options]) == 1
@@ -45,7 +45,7 @@ def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
     )
 
 
-def test_without_the_library_one_sentence_says_what_to_install(spec, capsys, monkeypatch):
+def test_missing_library_is_reported_with_its_installation(spec, capsys, monkeypatch):
     import importlib.util
 
     find = importlib.util.find_spec

@@ -1,4 +1,4 @@
-"""Facts about options: each one that is parsed reaches what it is for; none is parsed and dropped."""
+"""Tests of options: each one that is parsed reaches what it is for; none is parsed and dropped."""
 
 import json
 from contextlib import nullcontext

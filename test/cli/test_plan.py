@@ -1,4 +1,4 @@
-"""Facts about ``delta3 plan``: its table, its JSON, and the refusals that ``delta3 check`` has, too."""
+"""Tests of ``delta3 plan``: its table, its JSON, and the refusals that ``delta3 check`` has, too."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def test_a_plan_agrees_with_the_check_of_the_same_program(capsys):
     assert found['provenance']['inputs'].startswith('packaging_stops ')
 
 
-def test_people_read_a_table(tmp_path, capsys):
+def test_users_read_a_table(tmp_path, capsys):
     (tmp_path / 'line.yaml').write_text(LINE)
     assert plan.main([str(tmp_path / 'line.yaml')]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -43,7 +43,7 @@ def test_people_read_a_table(tmp_path, capsys):
     assert lines[4].endswith('time given')
 
 
-def test_the_table_tells_the_place_of_a_pattern(tmp_path, capsys):
+def test_table_gives_the_place_in_a_pattern(tmp_path, capsys):
     (tmp_path / 'row.yaml').write_text(
         'patterns: {row: {rows: 1, columns: 2, pitch_mm: [50, 0]}}\n'
         'moves: [{for_each: {place_of: row, moves: [{move_l: {to_m: [0.1, 0, -0.8]}}]}}]\n'
@@ -119,7 +119,7 @@ def test_a_script_names_the_statements_of_a_sequence_by_their_lines(tmp_path, ca
         'moves: [{move_l: {to_m: [0.1, x, 0]}}]',
     ],
 )
-def test_a_program_that_cannot_be_planned_is_refused_as_check_refuses_it(text, tmp_path, capsys):
+def test_a_program_that_cannot_be_planned_is_rejected_as_check_rejects_it(text, tmp_path, capsys):
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
     assert check.main([str(path)]) == 1
@@ -134,7 +134,7 @@ def test_a_program_that_cannot_be_planned_is_refused_as_check_refuses_it(text, t
     )
 
 
-def test_check_tells_each_mistake_by_itself_whatever_its_words(tmp_path, capsys):
+def test_check_reports_each_error_separately_whatever_its_text(tmp_path, capsys):
     path = tmp_path / 'back.yaml'
     path.write_text(
         'moves:\n- move_l: {to_m: [0.1, 0, -0.8], blend_m: 0.02}\n- move_l: {to_m: [0, 0, -0.8]}\n'
@@ -148,7 +148,7 @@ def test_check_tells_each_mistake_by_itself_whatever_its_words(tmp_path, capsys)
     assert json.loads(capsys.readouterr().out)['files'][0]['errors'] == [sentence]
 
 
-def test_limits_of_each_move_are_told_on_request(tmp_path, capsys):
+def test_limits_of_each_move_are_reported_on_request(tmp_path, capsys):
     (tmp_path / 'line.yaml').write_text(LINE)
     assert plan.main([str(tmp_path / 'line.yaml'), '--json']) == 0
     brief = json.loads(capsys.readouterr().out)['moves'][0]
@@ -164,7 +164,9 @@ def test_limits_of_each_move_are_told_on_request(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('folder', ['file', 'file/plan', '/proc/plan'])
-def test_a_folder_that_cannot_be_is_refused_before_anything_is_planned(folder, tmp_path, monkeypatch, capsys):
+def test_a_folder_that_cannot_be_is_rejected_before_anything_is_planned(
+    folder, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(evaluation, 'of_program', None)
     (tmp_path / 'file').touch()
@@ -173,7 +175,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_planned(folder, t
 
 
 @pytest.mark.parametrize('text', ['', '# nothing\n', 'hello'])
-def test_a_file_that_holds_no_program_is_refused_by_its_name(text, tmp_path, monkeypatch, capsys):
+def test_a_file_that_holds_no_program_is_rejected_by_its_name(text, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'no.yaml').write_text(text)
     for command in (plan, check):

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 pose``: what it takes, what it prints, and its exit status."""
+"""Tests of ``delta3 pose``: what it takes, what it prints, and its exit status."""
 
 import json
 
@@ -54,13 +54,13 @@ def test_a_place_where_the_robot_may_not_be_is_answered_with_status_1_and_a_sent
         ['--payload', 'x'],
     ],
 )
-def test_what_is_no_place_is_a_usage_error(arguments, capsys):
+def test_invalid_position_is_a_usage_error(arguments, capsys):
     with pytest.raises(SystemExit, match='2'):
         pose.main(arguments)
     assert 'error: ' in capsys.readouterr().err
 
 
-def test_a_payload_beyond_the_parameters_range_is_refused(capsys):
+def test_a_payload_beyond_the_parameters_range_is_rejected(capsys):
     assert pose.main(['--payload', '11']) == 1
     assert 'payload_mass_kg' in capsys.readouterr().err
     assert result(capsys, '--payload', '4')[1]['payload_kg'] == 4.0

@@ -1,4 +1,4 @@
-"""Facts about ``--reference``: a sampled trajectory is simulated instead of a program."""
+"""Tests of ``--reference``: a sampled trajectory is simulated instead of a program."""
 
 import json
 
@@ -20,7 +20,7 @@ def here(tmp_path, monkeypatch, capsys):
     return tmp_path
 
 
-def test_a_trajectory_is_simulated_and_tells_where_it_comes_from(here, capsys):
+def test_trajectory_is_simulated_and_names_its_origin(here, capsys):
     assert main(['simulate', '--reference', 'path.csv', '--trace', 'again.npz', '--json']) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['program'] == 'reference path'
@@ -34,7 +34,7 @@ def test_a_trajectory_is_simulated_and_tells_where_it_comes_from(here, capsys):
     assert 'reference: tcp_command of path.csv: ' in capsys.readouterr().out
 
 
-def test_a_column_file_says_what_a_foreign_trajectory_is(here, capsys):
+def test_column_file_defines_a_third_party_trajectory(here, capsys):
     rows = (here / 'path.csv').read_text().splitlines()[1:]
     (here / 'other.csv').write_text('t;a;b;c\n' + '\n'.join(row.replace(',', ';') for row in rows) + '\n')
     columns = ['columns:', '- {column: t, signal: time, unit: s}']
@@ -51,7 +51,7 @@ def test_a_column_file_says_what_a_foreign_trajectory_is(here, capsys):
     assert figures[0] == figures[1]
 
 
-def test_what_the_robot_cannot_do_is_refused_with_time_and_place(here, capsys):
+def test_what_the_robot_cannot_do_is_rejected_with_time_and_place(here, capsys):
     run = Trace.load('run.npz')
     trace_file.save(Trace(3.0 + 0.1 * run.time_s, {'tcp_command': run['tcp_command']}), 'fast.csv')
     assert main(['simulate', '--reference', 'fast.csv', '--json']) == 1
@@ -82,7 +82,7 @@ def test_a_file_that_is_not_there_gets_one_sentence(here, capsys):
     assert capsys.readouterr().err == 'error: there is no recording nothing.csv\n'
 
 
-def test_a_low_pass_is_for_a_reference_and_tells_what_it_changes(here, capsys):
+def test_low_pass_applies_to_a_reference_and_reports_its_effect(here, capsys):
     assert main(['simulate', '--reference', 'path.csv', '--lowpass', '50']) == 0
     assert ', low pass at 50 Hz: it moves the TCP by ' in capsys.readouterr().out
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 report`` and ``delta3 compare``: what they leave and print, and what they refuse."""
+"""Tests of ``delta3 report`` and ``delta3 compare``: what they leave and print, and what they refuse."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def test_report_writes_one_file_and_names_it(here, trace, capsys):
     assert 'delta3 report a.npz experiment1 --parameters ,rich --output page.html' in text
 
 
-def test_a_folder_with_the_bags_of_several_robots_stands_for_all_of_them(here, capsys):
+def test_folder_with_bags_of_several_robots_expands_to_all(here, capsys):
     (here / 'hall').mkdir()
     for name in ('robot2', 'robot1'):  # the order of a page is that of their names
         record(here / 'hall' / name, messages())
@@ -77,7 +77,7 @@ def test_compare_prints_the_figures_of_the_difference(trace, capsys):
     assert '  rich.enabled: False and True' in lines
 
 
-def test_runs_are_brought_to_one_time_in_the_way_that_is_asked_for_and_told_so(here, trace, capsys):
+def test_runs_are_aligned_by_the_requested_method_and_report_it(here, trace, capsys):
     whole = Trace.load(trace)
     whole.meta['start_cycle'] += 50  # whoever recorded it has noted it too late
     whole.save(here / 'late.npz')
@@ -107,7 +107,7 @@ def test_runs_are_brought_to_one_time_in_the_way_that_is_asked_for_and_told_so(h
     assert told == 'aligned by their own times'
 
 
-def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
+def test_compare_reports_that_a_trace_matches_its_program(trace, capsys):
     capsys.readouterr()
     assert main(['compare', 'a.npz', 'experiment1']) == 0
     told = capsys.readouterr().out
@@ -120,7 +120,7 @@ def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
     [['report', 'a.npz'], ['compare', 'a.npz', 'a.npz'], ['view', 'a.npz']],
     ids=lambda words: words[0],
 )
-def test_parameters_for_a_recording_that_tells_its_own_are_refused(arguments, trace, here, capsys):
+def test_parameters_for_a_recording_with_its_own_are_rejected(arguments, trace, here, capsys):
     capsys.readouterr()
     assert main([*arguments, '--parameters', 'rich']) == 1
     sentence = 'error: --parameters is rich, but a.npz contains the parameters of its robot\n'
@@ -128,7 +128,7 @@ def test_parameters_for_a_recording_that_tells_its_own_are_refused(arguments, tr
     assert [path.name for path in here.iterdir()] == ['a.npz']
 
 
-def test_a_gap_in_one_of_two_runs_is_told(here, trace, capsys):
+def test_gap_in_one_of_two_runs_is_reported(here, trace, capsys):
     whole = Trace.load(trace)
     Trace(whole.time_s[:-5], {name: v[:-5] for name, v in whole.signals.items()}, whole.meta).save(
         here / 'b.npz'
@@ -140,7 +140,7 @@ def test_a_gap_in_one_of_two_runs_is_told(here, trace, capsys):
     assert '5 cycles were not compared: they are in one run only' in told
 
 
-def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsys):
+def test_plot_names_the_starts_of_a_trace_without_its_own(here, capsys):
     time_s = np.arange(50) * 1e-3
     meta = {'cycle_time_s': 1e-3, 'starts': [10, 30], 'gear_ratio': 32.0}
     Trace(time_s, {'current': np.zeros((50, 3))}, meta).save(here / 'c.npz')
@@ -192,7 +192,7 @@ def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, argumen
 @pytest.mark.parametrize('name', ['huge.npz', 'huge.csv'])
 @pytest.mark.parametrize('command', ['report', 'compare'])
 @pytest.mark.filterwarnings('error')
-def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, here, trace, capsys):
+def test_numbers_that_nothing_could_be_computed_from_are_rejected(command, name, here, trace, capsys):
     run = Trace.load(trace)
     signals = {key: values.copy() for key, values in run.signals.items()}
     signals['current'][500:600] = -1e300

@@ -1,4 +1,4 @@
-"""Facts about ``simulate --scope`` and ``scope list``: what is asked for is recorded, what is wrong is said."""
+"""Tests of ``simulate --scope`` and ``scope list``: what is asked for is recorded, what is wrong is said."""
 
 import csv
 import json
@@ -162,7 +162,7 @@ def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
         (('--scope', 'axis1.current', '--rate', '20000'), 'must be a number between 1 and 16000 Hz'),
     ],
 )
-def test_options_that_do_not_fit_are_refused_at_once(options, sentence, capsys):
+def test_options_that_do_not_fit_are_rejected_at_once(options, sentence, capsys):
     with pytest.raises(SystemExit) as end:
         main(['simulate', 'experiment3', *options])
     assert end.value.code == 2

@@ -1,4 +1,4 @@
-"""Facts about a script beside a bring-up: what it is reported as, whoever is first to end."""
+"""Tests of a script beside a bring-up: what it is reported as, whoever is first to end."""
 
 import json
 import threading
@@ -47,7 +47,7 @@ class Client:
         """Stop nothing."""
 
 
-def test_a_script_that_has_come_to_its_end_was_not_interrupted_by_the_end_of_the_bring_up(
+def test_finished_script_is_not_interrupted_by_the_end_of_the_bring_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     @contextmanager
@@ -96,7 +96,7 @@ def test_json_alone_is_on_standard_output_whatever_the_script_prints(
     assert capsys.readouterr().out.splitlines()[:3] == ['loaded', 'begins', 'ends']
 
 
-def test_the_summary_of_a_script_in_a_cell_says_what_happened_to_the_parts() -> None:
+def test_summary_of_a_script_in_a_cell_reports_the_outcome_of_parts() -> None:
     parts = {'outcomes': {'placed': 2, 'lost': 1}, 'picked': 3, 'missed': 1, 'place_error_max_m': 1e-4,
              'place_error_rms_m': 5e-5, 'hold_use_max': 0.5, 'parts': [], 'misses': []}  # fmt: skip
     counts = dict.fromkeys(('late_decisions', 'late_cycles_max', 'overruns', 'lost_telegrams'), 0)

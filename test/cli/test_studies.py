@@ -1,4 +1,4 @@
-"""Facts about what the commands of studies share."""
+"""Tests of what the commands of studies share."""
 
 import json
 import re
@@ -23,7 +23,7 @@ from delta3_pacdrive.cli.main import main
         ('learn', '--parameters', 'model', '--output', '{}'),
     ],
 )
-def test_what_a_study_cannot_write_is_refused_before_anything_is_computed(
+def test_what_a_study_cannot_write_is_rejected_before_anything_is_computed(
     arguments, tmp_path, monkeypatch, capsys
 ):
     def compute(*_):
@@ -50,7 +50,7 @@ class _Found:
         return {'ok': True}
 
 
-def test_gains_that_are_looked_for_and_applied_are_told_in_one_document(tmp_path, monkeypatch, capsys):
+def test_proposed_and_applied_gains_are_in_one_document(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
     monkeypatch.setattr('delta3_pacdrive.studies.drives.tuning.run.Study', _Found)
     file, output = tmp_path / 'mine.yaml', str(tmp_path / 'tuning')
@@ -61,7 +61,7 @@ def test_gains_that_are_looked_for_and_applied_are_told_in_one_document(tmp_path
     assert told['applied'].startswith(f'{file}: position_gain_rad_s_rad = 49.77')
 
 
-def test_a_file_that_gains_cannot_go_into_is_refused_before_they_are_looked_for(
+def test_a_file_that_gains_cannot_go_into_is_rejected_before_they_are_looked_for(
     tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)

@@ -36,7 +36,7 @@ def spec(tmp_path, monkeypatch):
         (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
     ],
 )
-def test_options_that_do_not_go_together_are_refused_in_one_sentence(
+def test_options_that_do_not_go_together_are_rejected_in_one_sentence(
     options, sentence, spec, tmp_path, capsys
 ):
     assert main(['sweep', spec, *options]) == 1
@@ -51,7 +51,7 @@ def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
     assert capsys.readouterr().err == 'error: cannot read sweep other.yaml: No such file or directory\n'
 
 
-def test_a_dry_run_says_how_many_how_long_and_how_much(spec, tmp_path, capsys):
+def test_dry_run_prints_number_duration_and_size(spec, tmp_path, capsys):
     assert main(['sweep', spec, '--dry-run']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == 'own: 3 runs, 0 of them completed'

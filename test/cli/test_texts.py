@@ -1,4 +1,4 @@
-"""Facts about what is printed for people, and about provenance: the right number, in the unit that stands behind it."""
+"""Tests of what is printed for people, and about provenance: the right number, in the unit that stands behind it."""
 
 import json
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ def test_a_place_that_is_rounded_to_zero_has_no_sign():
     assert millimetres([-1e-9, 1e-9, -0.8000004]) == '(0.000, 0.000, -800.000) mm'
 
 
-def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsys):
+def test_figures_of_a_run_are_printed_with_name_and_unit(capsys):
     print('\n'.join(output.figures_text(RESULT)))
     assert printed(capsys) == {
         'bus time': ['3.000 s in 2987 cycles'],
@@ -83,7 +83,7 @@ OF_TURNS = {
 }
 
 
-def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
+def test_tool_deviation_is_reported_with_its_source(capsys):
     print('\n'.join(output.figures_text(RESULT | OF_TURNS)))
     graph = printed(capsys)
     assert graph['tool'] == ['error max at move ends 0.0401 deg by its encoder; during motion 0.1719 deg']
@@ -136,7 +136,7 @@ def simulated(monkeypatch):
     return end
 
 
-def test_simulate_prints_what_its_trace_tells(simulated, capsys):
+def test_simulate_prints_the_values_of_its_trace(simulated, capsys):
     simulated()
     assert simulate.main([]) == 0
     rows = printed(capsys)
@@ -147,7 +147,7 @@ def test_simulate_prints_what_its_trace_tells(simulated, capsys):
     assert 'rounds' not in rows
 
 
-def test_simulate_tells_programs_the_same_in_si(simulated, capsys):
+def test_simulate_reports_the_same_in_si_to_programs(simulated, capsys):
     simulated()
     assert simulate.main(['--json']) == 0
     result = json.loads(capsys.readouterr().out)
@@ -323,7 +323,7 @@ def test_the_figures_of_a_loop_are_printed_in_milliseconds_and_per_cent(tuned):
     assert any(line.endswith('exchanged every 0.5 ms') for line in lines)
 
 
-def test_a_loop_that_is_not_stable_and_a_figure_that_is_none_are_told(tuned):
+def test_unstable_loop_and_undefined_figure_are_reported(tuned):
     unstable = VARIANT | {'loops': {'velocity': LOOP | {'stable': False, 'delay_margin_s': None}}}
     lines = tuned(variants={'now': unstable})
     assert 'velocity now 71 Hz 61.5 deg 18.5 dB - 1.45 140 Hz 3.21 ms 4.6 % 65.4 ms UNSTABLE' in lines
@@ -446,7 +446,7 @@ def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains
 # provenance
 
 
-def test_an_output_tells_command_seed_parameters_and_inputs(robot):
+def test_output_names_command_seed_parameters_and_inputs(robot):
     lines = Provenance.of('delta3 x', robot, 'mine.yaml', ['a 1', 'b 2'], 42).lines()
     assert lines['command'] == 'delta3 x'
     assert lines['seed'] == '42'
@@ -481,7 +481,7 @@ def test_a_report_holds_no_number_that_json_does_not_know(tmp_path):
     assert json.loads(path.read_text()) == {'a': 1.5}  # the old one, whole
 
 
-def test_a_table_says_where_it_comes_from_above_its_header(tmp_path, robot):
+def test_table_names_its_origin_above_the_header(tmp_path, robot):
     origin = Provenance.of('delta3 x', robot, seed=5)
     lines = write_table(tmp_path / 't.csv', ['a [m]', 'b'], [[1.0, 2]], origin).read_text().splitlines()
     assert lines[:2] == ['# command: delta3 x', '# seed: 5']

@@ -1,4 +1,4 @@
-"""Facts about what ``delta3 up --robots`` shows and refuses."""
+"""Tests of what ``delta3 up --robots`` shows and refuses."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ REPORT = {
 }
 
 
-def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
+def test_table_has_a_row_per_robot_with_its_activity():
     robots = [
         Robot('/robot1'),
         Robot('/robot2', REPORT | {'phase': 'CP0', 'state': '', 'waiting': 'axis2 is missing'}),
@@ -59,14 +59,14 @@ def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
         (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would require port 65536'),
     ],
 )
-def test_what_does_not_fit_several_robots_is_refused(arguments, sentence, capsys):
+def test_what_does_not_fit_several_robots_is_rejected(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as end:
         up.main(arguments)
     assert end.value.code == 2
     assert sentence in capsys.readouterr().err
 
 
-def test_what_a_recording_lacks_is_told_with_the_robot():
+def test_missing_data_of_a_recording_are_reported_with_the_robot():
     result = {'bus_time_s': 2.0, 'cycles': 2000, 'overruns': 3, 'lost_telegrams': 0}
     whole, poor, dead = Robot('/a/robot1'), Robot('/a/robot2'), Robot('/a/robot3', error='robot was killed')
     whole.result = result | {'bag_missing': 0, 'bag_cut': ''}

@@ -1,4 +1,4 @@
-"""Facts about the command line of the page: what it refuses before it serves anything, and what its options do."""
+"""Tests of the command line of the page: what it refuses before it serves anything, and what its options do."""
 
 import os
 import queue
@@ -24,7 +24,7 @@ def refused(capsys, *arguments):
     return line
 
 
-def test_a_recording_that_is_not_there_or_not_to_be_read_is_refused(capsys, tmp_path):
+def test_a_recording_that_is_not_there_or_not_to_be_read_is_rejected(capsys, tmp_path):
     assert 'nothing.npz' in refused(capsys, str(tmp_path / 'nothing.npz'))
     broken = tmp_path / 'broken.npz'
     broken.write_bytes(b'no trace')
@@ -41,7 +41,7 @@ def test_a_column_file_is_read_for_a_table(capsys, tmp_path):
     assert 'cannot be shown without motor_position' in refused(capsys, str(table), '--columns', str(columns))
 
 
-def test_a_port_that_is_taken_is_refused(capsys):
+def test_a_port_that_is_taken_is_rejected(capsys):
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
         other.listen()

@@ -1,4 +1,4 @@
-"""Facts about ``delta3 workspace``: its figures of the workspace, its files, its refusals."""
+"""Tests of ``delta3 workspace``: its figures of the workspace, its files, its refusals."""
 
 import json
 
@@ -10,7 +10,7 @@ from delta3_pacdrive.cli import workspace
 from delta3_pacdrive.studies.places.workspace import evaluation
 
 
-def test_extremes_are_told_in_si_with_their_places(capsys):
+def test_extremes_are_in_si_with_their_positions(capsys):
     assert workspace.main(['--resolution', '50', '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['poses'] == 25 * 25 * 6
@@ -21,7 +21,7 @@ def test_extremes_are_told_in_si_with_their_places(capsys):
     assert found['poses_per_s'] == pytest.approx(found['poses'] / found['seconds'])
 
 
-def test_people_read_a_line_per_quantity(capsys):
+def test_users_read_a_line_per_quantity(capsys):
     assert workspace.main(['--resolution', '100', '--payload', '2', '--acceleration', '40']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[1] == 'accelerations with 2 kg, payloads with 40 m/s2'
@@ -70,7 +70,7 @@ def test_figures_tables_and_the_volume_are_written(tmp_path, capsys):
         ['--output', 'x', *(['--slice', 'z=-0.8'] * 10)],
     ],
 )
-def test_what_cannot_be_obeyed_is_a_usage_error(arguments, capsys):
+def test_inapplicable_option_is_a_usage_error(arguments, capsys):
     with pytest.raises(SystemExit, match='2'):
         workspace.main(arguments)
     assert 'error: ' in capsys.readouterr().err
@@ -92,7 +92,7 @@ def test_what_cannot_be_obeyed_is_a_usage_error(arguments, capsys):
         ),
     ],
 )
-def test_what_cannot_be_done_is_refused_before_anything_is_computed_or_made(
+def test_what_cannot_be_done_is_rejected_before_anything_is_computed_or_made(
     arguments, sentence, capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -107,7 +107,7 @@ def test_what_cannot_be_done_is_refused_before_anything_is_computed_or_made(
 
 
 @pytest.mark.parametrize('plane', ['z=5', 'z=0.9', 'x=-2'])
-def test_a_slice_that_the_arms_do_not_reach_is_refused(plane, capsys, tmp_path):
+def test_a_slice_that_the_arms_do_not_reach_is_rejected(plane, capsys, tmp_path):
     assert workspace.main(['--slice', plane, '--output', str(tmp_path / 'maps')]) == 1
     axis, _, place = plane.partition('=')
     sentence = f'error: the arms do not reach any position of the slice {axis} = {1e3 * float(place):g} mm\n'

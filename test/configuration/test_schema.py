@@ -1,4 +1,4 @@
-"""Facts about records of files: a dataclass is the only description of its mapping."""
+"""Tests of records of files: a dataclass is the only description of its mapping."""
 
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""Facts about the strict reader: every kind of file is told all its mistakes at once, with their places."""
+"""Tests of the strict reader: every kind of file is told all its mistakes at once, with their places."""
 
 from pathlib import Path
 from typing import Any
@@ -55,19 +55,19 @@ def agree(told: list[str], expected: list[str], path: str = '') -> None:
         assert sentence.startswith(path + beginning), sentence
 
 
-def test_a_program_is_told_all_its_mistakes(tmp_path: Path, robot: Any) -> None:
+def test_program_reports_all_its_errors(tmp_path: Path, robot: Any) -> None:
     path = tmp_path / 'program.yaml'
     path.write_text(PROGRAM)
     told = mistakes(lambda: program_file.load(path, robot.motion))
     agree(told, PROGRAM_MISTAKES, f'{path}:')
 
 
-def test_a_fault_of_a_request_is_told_all_its_mistakes() -> None:
+def test_fault_request_reports_all_its_errors() -> None:
     document = yaml_file.parse(FAULT, 'the fault', ProgramError)
     agree(mistakes(lambda: faults.parse(document, 'fault')), FAULT_MISTAKES)
 
 
-def test_parameters_are_told_all_their_mistakes(tmp_path: Path, robot: Any) -> None:
+def test_parameter_file_reports_all_its_errors(tmp_path: Path, robot: Any) -> None:
     path = parameters.write(robot, tmp_path / 'robot.yaml')
     lines = path.read_text().splitlines()
     expected = []
@@ -84,9 +84,7 @@ def test_parameters_are_told_all_their_mistakes(tmp_path: Path, robot: Any) -> N
     agree(mistakes(lambda: parameters.load(path)), [text for _, text in sorted(expected)], f'{path}:')
 
 
-def test_every_rule_between_parameters_that_is_broken_is_told_with_its_place(
-    tmp_path: Path, robot: Any
-) -> None:
+def test_every_broken_rule_between_parameters_is_reported_with_its_place(tmp_path: Path, robot: Any) -> None:
     path = parameters.write(robot, tmp_path / 'robot.yaml')
     text = path.read_text()
     for name, value in (('plate_radius_m', 1.5), ('workspace_bottom_m', -0.1), ('cycle_time_s', 0.003)):
@@ -100,7 +98,7 @@ def test_every_rule_between_parameters_that_is_broken_is_told_with_its_place(
         assert name.rpartition('.')[2] in text.splitlines()[line - 1]
 
 
-def test_the_search_ends_after_ten_mistakes(robot: Any) -> None:
+def test_search_ends_after_ten_errors(robot: Any) -> None:
     document = {'moves': [{'move_l': {}} for _ in range(20)]}
     told = mistakes(lambda: program_file.parse(document, robot.motion))
     assert len(told) == ERRORS_MAX + 1

@@ -1,4 +1,4 @@
-"""Facts about the reader of YAML and JSON: what a scalar is, and what is refused."""
+"""Tests of the reader of YAML and JSON: what a scalar is, and what is refused."""
 
 import json
 import math
@@ -59,7 +59,7 @@ def test_scalars_are_what_they_look_like(text, value):
         ('a: ' + '9' * 5000, 'is not valid YAML'),
     ],
 )
-def test_what_yaml_has_and_programs_do_not_need_is_refused(text, reason):
+def test_what_yaml_has_and_programs_do_not_need_is_rejected(text, reason):
     assert reason in refusal(yaml_file.parse, text, 'it', ProgramError)
 
 

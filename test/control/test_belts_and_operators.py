@@ -1,4 +1,4 @@
-"""Facts about belts on a robot that is up, and those who stop it, disable it, take it over or ask for nonsense."""
+"""Tests of belts on a robot that is up, and those who stop it, disable it, take it over or ask for nonsense."""
 
 import json
 import math
@@ -57,7 +57,7 @@ def another_picks(node, robot):
     return another.position()
 
 
-def test_an_operator_stops_a_robot_that_works_on_a_belt_and_the_script_goes_on(node, called):
+def test_operator_stops_a_robot_on_a_belt_and_the_script_continues(node, called):
     gets_on(called)
     called.dwell(0.8)
     called.wait_time(0.1)
@@ -90,7 +90,7 @@ def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called
     assert node.controller.state.located == located + 1  # whoever plans knows from where
 
 
-def test_a_script_that_is_lost_on_a_belt_leaves_the_robot_beside_it(robot, node, called):
+def test_script_lost_on_a_belt_leaves_the_robot_next_to_it(robot, node, called):
     gets_on(called)
     called.wait_time(0.1)
     node.controller.control.release(node.identity)
@@ -130,7 +130,7 @@ def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(ro
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
 
 
-def test_a_robot_that_goes_with_a_belt_is_disabled_as_one_that_moves(node, called):
+def test_robot_on_a_belt_is_disabled_like_a_moving_one(node, called):
     gets_on(called)
     called.wait_time(0.1)
     controller = node.controller
@@ -149,7 +149,7 @@ def test_a_robot_that_goes_with_a_belt_is_disabled_as_one_that_moves(node, calle
     assert largest_step(node) == before
 
 
-def test_a_drive_that_gives_way_on_a_belt_is_seen_where_no_moves_are_left(node, called):
+def test_drive_that_yields_on_a_belt_is_detected_after_the_last_move(node, called):
     gets_on(called)
     called.wait_time(0.1)
     state = node.controller.state
@@ -158,7 +158,7 @@ def test_a_drive_that_gives_way_on_a_belt_is_seen_where_no_moves_are_left(node, 
     assert (state.moves, state.checked_from) == (False, NEVER)
 
 
-def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
+def test_robot_synchronized_again_without_resume_is_at_rest(node, called):
     gets_on(called)
     called.dwell(0.8)
     called.wait_time(0.1)
@@ -181,7 +181,7 @@ def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
     assert node.controller.task.tracking.free
 
 
-def test_a_robot_that_stands_beside_its_belt_goes_on_only_if_it_gets_on_again(node, called):
+def test_robot_next_to_its_belt_continues_only_after_synchronizing_again(node, called):
     gets_on(called)
     called.dwell(0.8)
     called.wait_time(0.1)
@@ -196,7 +196,7 @@ def test_a_robot_that_stands_beside_its_belt_goes_on_only_if_it_gets_on_again(no
     assert not node.stands()
 
 
-def test_an_order_that_nobody_follows_is_not_that_of_the_next_part(node, called, robot):
+def test_unused_command_does_not_apply_to_the_next_part(node, called, robot):
     node.request(TRACK, ORDER)
     node.ask('leave')
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
@@ -252,7 +252,7 @@ def test_a_script_gives_up_in_the_moment_in_which_the_belt_is_lost(robot, left_c
 
 
 @pytest.mark.parametrize('later_cycles', some([2, 38, 74, 86], [86]))
-def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot, later_cycles):
+def test_script_that_holds_after_its_moves_continues_with_the_belt(robot, later_cycles):
     there = around(SLOW, 3)
 
     def works(called):
@@ -281,7 +281,7 @@ def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot
     assert np.array_equal(commanded, simulated.trace['motor_command'][: len(commanded)])
 
 
-def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, called):
+def test_command_in_transit_does_not_undo_the_stop_of_an_operator(node, called):
     block = gets_on(called)
     called.wait_time(0.1)
     order, refused = node.order, []
@@ -329,7 +329,7 @@ def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_
     assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
 
 
-def test_a_script_without_control_is_told_so_in_its_block(node, called):
+def test_script_without_control_gets_an_error_in_its_block(node, called):
     block = gets_on(called)
     node.controller.control.release(node.identity)
     node.controller.poll(1.0)
@@ -365,7 +365,7 @@ def test_a_script_that_gives_up_while_an_operator_holds_gives_up_again(node, cal
     assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
 
 
-def test_an_order_that_came_too_late_leaves_nothing_behind(node, called, monkeypatch):
+def test_late_command_leaves_nothing(node, called, monkeypatch):
     monkeypatch.setattr(ConnectedLink, 'extra_cycles', 30)  # as with a clock
     order = node.order
 
@@ -398,7 +398,7 @@ def test_what_was_before_a_script_does_not_concern_it(node, called, robot):
     assert another.belt('line').waiting == 0
 
 
-def test_belts_that_fall_silent_are_named(node, called):
+def test_silent_belts_are_named(node, called):
     gets_on(called)
     node.ask('leave')
     cycles = node.controller.cycles
@@ -435,12 +435,12 @@ def changed(**values):
         (changed(belt=-1), 'the robot cannot work on belt number -1, of 1'),
     ],
 )
-def test_an_order_that_is_none_is_refused(node, called, text, sentence):
+def test_invalid_command_is_rejected(node, called, text, sentence):
     reason, _ = node.ask(TRACK, text)
     assert reason.code is Code.CONTENT
     assert sentence in str(reason)
 
 
-def test_who_is_on_no_belt_gets_on_none_again(node, called):
+def test_robot_without_a_belt_does_not_synchronize_again(node, called):
     reason, _ = node.ask(TRACK_AGAIN, '5000')
     assert (reason.code, str(reason)) == (Code.STATE, 'the robot is on no belt')

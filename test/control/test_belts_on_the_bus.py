@@ -1,4 +1,4 @@
-"""Facts about belts on a robot that is up: a script has the bits of its simulation, and is told the same."""
+"""Tests of belts on a robot that is up: a script has the bits of its simulation, and is told the same."""
 
 import json
 
@@ -194,7 +194,7 @@ def test_an_answer_of_a_drive_that_is_lost_keeps_no_robot_with_belts_waiting(nod
     assert called.position() == pytest.approx((0.0, -0.2, -0.85), abs=1e-4)
 
 
-def test_belts_that_are_told_again_count_once(robot, node, called):
+def test_repeated_belt_readings_count_once(robot, node, called):
     before = node.controller.task.tracking.observed
     node.controller.cycles.take_belts(before.cycle, [BeltReading(10**6, (5,))])
     pick(called)
@@ -205,7 +205,7 @@ def test_belts_that_are_told_again_count_once(robot, node, called):
 ORDER = TrackOrder(0, -0.1, 0.7, TrackWindow(0.4, 1.1), TrackLimits(4.0, 40.0, 4000.0), 0.3)
 
 
-def test_an_order_comes_over_the_wire_to_the_bit():
+def test_command_is_transferred_to_the_bit():
     assert TrackOrder.from_document(json.loads(json.dumps(ORDER.to_document()))) == ORDER
 
 
@@ -243,6 +243,6 @@ def test_belts_are_announced_to_the_bit():
         )
     ],
 )
-def test_what_announces_no_belts_is_no_announcement(text):
+def test_announcement_without_belts_is_ignored(text):
     with pytest.raises(ValueError):  # noqa: PT011  of json and of the reader
         read_belts(text)

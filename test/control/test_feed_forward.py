@@ -1,4 +1,4 @@
-"""Facts about the torque that the task commands: of the whole model, for the motion that is there when it works."""
+"""Tests of the torque that the task commands: of the whole model, for the motion that is there when it works."""
 
 import numpy as np
 import pytest
@@ -106,7 +106,7 @@ def test_the_dead_time_is_that_of_filter_and_current_loop(robot):
     assert without_integrator.torque_dead_time_s == pytest.approx(200e-6 + 13e-3 / (2.7 + 60.0))
 
 
-def test_a_robot_that_stands_is_held_against_gravity_alone(model):
+def test_robot_at_rest_is_held_against_gravity_alone(model):
     task, _ = started(model)
     weight = dynamics.gravity(kinematics.inverse(HOME_M, model.kinematics), model) / GEAR
     np.testing.assert_allclose(torques_of(task, START)[:-1], [weight] * (START - 1), atol=1e-6)
@@ -150,7 +150,7 @@ def test_a_payload_is_in_the_torque_of_the_cycle_in_which_the_plant_takes_it(mod
     np.testing.assert_allclose(torques[START:-1], weights, atol=1e-6)
 
 
-def test_a_payload_beside_the_path_is_let_go_where_its_event_is(model):
+def test_payload_change_next_to_the_path_is_applied_at_its_event(model):
     moves = [
         {'move_l': {'to_m': [0.1, 0.0, -0.75]}},
         {'output': {'name': 'gripper', 'value': False, 'before_m': 0.05, 'payload_kg': 0.0}},
@@ -195,7 +195,7 @@ def test_a_stop_on_the_path_has_the_torque_of_its_deceleration(model):
     np.testing.assert_allclose(torques[-1], weight, atol=1e-5)
 
 
-def test_a_place_out_of_reach_has_no_torque_and_leaves_no_wrong_one_behind(model):
+def test_unreachable_position_has_no_torque_and_leaves_none(model):
     task, _ = started(model)
     torques_of(task, 5)
     task.state['tcp'] = [0.0, 0.0, -3.0]
@@ -229,7 +229,7 @@ def test_shafts_are_ahead_of_their_arms_by_what_elastic_gears_give(robot):
     assert np.abs(twist).max() > 100.0 * INCREMENT
 
 
-def test_a_robot_that_is_located_behind_elastic_gears_is_held_where_it_stands(robot):
+def test_robot_located_with_elastic_gears_is_held_in_place(robot):
     elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
     task, _ = started(elastic)
     theta = kinematics.inverse(HOME_M, robot.kinematics)

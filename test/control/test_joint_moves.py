@@ -1,4 +1,4 @@
-"""Facts about trajectories of arm angles in the transformation task: followed on the grid, held, resumed, cut off."""
+"""Tests of trajectories of arm angles in the transformation task: followed on the grid, held, resumed, cut off."""
 
 import math
 
@@ -139,7 +139,7 @@ def test_a_hold_in_the_middle_stays_on_the_trajectory_and_a_resume_ends_at_the_g
     assert steps <= GEAR * 0.9 * CYCLE_S  # no jump anywhere: as fast as the trajectory itself
 
 
-def test_half_the_override_takes_twice_as_long_on_the_same_way(robot, home):
+def test_half_the_override_takes_twice_as_long_on_the_same_path(robot, home):
     plan = plan_of(robot, swing(home))
     task = Transformation(robot)
     task.locate(home * GEAR)

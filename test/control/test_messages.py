@@ -1,4 +1,4 @@
-"""Facts about what is said besides telegrams: it reads back as it was written, and anything else is refused."""
+"""Tests of what is said besides telegrams: it reads back as it was written, and anything else is refused."""
 
 import json
 import math
@@ -47,7 +47,7 @@ def test_what_a_robot_does_not_have_is_left_out_of_a_message() -> None:
 
 
 @pytest.mark.parametrize('message', MESSAGES, ids=lambda m: type(m).__name__)
-def test_every_field_of_another_type_too_much_or_missing_is_refused(message) -> None:
+def test_every_field_of_another_type_too_much_or_missing_is_rejected(message) -> None:
     true = json.loads(message.to_json())
     kind = type(message)
     for field in fields(message):
@@ -69,13 +69,13 @@ def test_every_field_of_another_type_too_much_or_missing_is_refused(message) -> 
 
 
 @pytest.mark.parametrize('text', ['', '[', 'null', '[]', '7', '[' * 100_000, '1' * 5000])
-def test_what_is_no_object_is_refused(text: str) -> None:
+def test_invalid_object_is_rejected(text: str) -> None:
     for kind in (Status, Verdict, Request, Reply):
         with pytest.raises(TelegramError):
             kind.from_json(text)
 
 
-def test_an_origin_reads_back_and_other_labels_are_refused() -> None:
+def test_an_origin_reads_back_and_other_labels_are_rejected() -> None:
     origin = Origin('ORDER', 'a1b2c3d4', '3fa9', 12)
     assert origin.label() == 'ORDER a1b2c3d4 3fa9 12'
     assert Origin.from_label(origin.label()) == origin
@@ -107,7 +107,7 @@ def test_a_number_counts_once_and_only_upwards() -> None:
     assert not numbers.is_new('a', 6)
 
 
-def test_the_sender_that_was_heard_least_recently_is_forgotten_first() -> None:
+def test_least_recent_sender_is_removed_first() -> None:
     numbers = Numbering(senders_max=2)
     for sender in ('a', 'b', 'a', 'c'):
         numbers.is_new(sender, 1)
@@ -115,7 +115,7 @@ def test_the_sender_that_was_heard_least_recently_is_forgotten_first() -> None:
     assert numbers.is_new('b', 1)
 
 
-def test_a_request_to_somebody_else_is_refused_to_who_made_it() -> None:
+def test_request_to_another_receiver_is_rejected_to_its_sender() -> None:
     reply = refuse_recording(Request('dead', 'op', 4, 0, 'start'))
     assert (reply.operator, reply.number, reply.done, reply.accepted) == ('op', 4, True, False)
     assert reply.code == Code.FOREIGN
@@ -135,7 +135,7 @@ MALFORMED = (
 
 
 @pytest.mark.parametrize('change', MALFORMED)
-def test_a_malformed_request_is_refused_to_its_operator_under_its_number(change):
+def test_a_malformed_request_is_rejected_to_its_operator_under_its_number(change):
     asked = json.loads(Request('a1b2', 'op', 4, 0, 'start').to_json()) | change
     text = json.dumps(asked)
     with pytest.raises(TelegramError) as error:

@@ -80,7 +80,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('state', STATES)
-def test_a_request_that_is_refused_changes_neither_queue_nor_robot(
+def test_a_request_that_is_rejected_changes_neither_queue_nor_robot(
     state: str, new_rig: Callable[[], Any]
 ) -> None:
     rig = new_rig()
@@ -110,7 +110,7 @@ def test_a_program_that_cannot_start_is_not_in_the_queue_and_never_driven(new_ri
     assert rig.task.state['tcp'][0] == pytest.approx([0.0, 0.02, -0.75], abs=1e-9)
 
 
-def test_a_program_is_started_behind_what_is_in_the_queue(new_rig: Callable[[], Any]) -> None:
+def test_program_starts_after_the_queue(new_rig: Callable[[], Any]) -> None:
     rig = new_rig()
     rig.enable()
     assert rig.ask('program', NEAR, OWN)[0]
@@ -188,7 +188,7 @@ class Withdrawn:
 @pytest.mark.parametrize(
     ('action', 'text'), [('program', NEAR), ('move', NEAR), ('start', NEAR), ('start', '')]
 )
-def test_a_request_that_is_withdrawn_on_its_way_leaves_nothing(
+def test_cancelled_request_leaves_nothing(
     action: str, text: str, stage: str, new_rig: Callable[[], Any]
 ) -> None:
     if (action, stage) == ('program', 'ordered') or (text == '' and stage == 'planning'):
@@ -242,7 +242,7 @@ def test_the_only_moves_in_the_queue_are_removed_by_a_withdrawal_once(new_rig: C
     assert sentence.startswith('it was carried out before it could be withdrawn')
 
 
-def test_moves_that_others_follow_are_not_withdrawn_and_the_answer_says_so(
+def test_moves_with_successors_cannot_be_cancelled_and_the_reply_says_so(
     new_rig: Callable[[], Any],
 ) -> None:
     rig = new_rig()
@@ -260,7 +260,7 @@ def test_moves_that_others_follow_are_not_withdrawn_and_the_answer_says_so(
 @pytest.mark.parametrize(
     ('action', 'text'), [('start', ''), ('start', STEP), ('move', STEP), ('override', '70')]
 )
-def test_what_was_carried_out_is_not_withdrawn_and_the_answer_says_so(
+def test_executed_request_cannot_be_cancelled_and_the_reply_says_so(
     action: str, text: str, new_rig: Callable[[], Any]
 ) -> None:
     rig = new_rig()
@@ -420,7 +420,7 @@ def test_a_move_that_was_rejected_is_not_driven_by_the_next_command(
     assert 'already stands' not in capsys.readouterr().err
 
 
-def test_a_command_that_takes_control_over_says_what_that_removes(
+def test_taking_control_reports_what_it_removes(
     rig: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @contextmanager

@@ -17,12 +17,12 @@ NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
 
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('page', HERE, ids=lambda page: str(page.relative_to(pages.SOURCE)))
-def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path):
+def test_every_block_of_the_page_runs_unchanged(page, tmp_path):
     pages.run_page(page, tmp_path)
 
 
 @for_each('page', pages.PAGES)
-def test_every_block_has_a_language_that_says_how_it_is_tested(page):
+def test_every_block_has_a_language_that_selects_its_test(page):
     found = pages.blocks(page)
     assert {block.language for block in found} <= pages.LANGUAGES
     assert [block.line for block in found if block.language == 'yaml' and not block.file] == []
@@ -51,7 +51,7 @@ def test_what_is_tested_elsewhere_names_its_test(page):
 
 
 @for_each('page', pages.PAGES)
-def test_no_command_of_a_page_is_refused_for_its_options(page):
+def test_no_command_of_a_page_is_rejected_for_its_options(page):
     pages.read_page(page)
 
 
@@ -60,7 +60,7 @@ def test_a_block_that_is_not_run_each_time_has_commands_that_are_read(page):
     assert [b.line for b in pages.blocks(page) if b.mark == 'long' and not pages.read_commands(b.text)] == []
 
 
-def test_what_is_only_read_is_refused_as_it_would_be_run():
+def test_what_is_only_read_is_rejected_as_it_would_be_run():
     assert pages.read_commands('cp a b\ndelta3 tune --set K_Pvel=0.6 | grep x  # a comment\n') == 1
     assert (
         pages.read_commands("yes '' | delta3 run own.py --step; delta3 --help >help.txt && echo delta3\n")
@@ -82,7 +82,7 @@ def commands(text):
     return {line.partition(' #')[0].rstrip() for line in text.splitlines()}
 
 
-def test_a_block_that_another_page_runs_stands_there_and_runs_there():
+def test_block_that_another_test_runs_exists_in_that_test():
     others = [
         (block, pages.SOURCE / block.words)
         for page in pages.PAGES

@@ -45,12 +45,12 @@ def made(tmp_path_factory):
     return json.loads((copy / 'figures.json').read_text(encoding='utf-8'))
 
 
-def test_the_file_holds_every_case_and_says_how_it_came_about(made):
+def test_file_has_every_case_and_its_origin(made):
     assert DOCUMENT['command'] == made['command'] == make.COMMAND
     assert DOCUMENT['cases'].keys() == made['cases'].keys() == make.CASES.keys()
 
 
-def test_the_page_for_those_who_carry_on_names_the_command():
+def test_developers_page_names_the_command():
     (block,) = (
         block
         for block in pages.blocks(pages.SOURCE / 'CONTRIBUTING.md')
@@ -133,7 +133,7 @@ def test_figures_that_differ_fail_on_every_machine(group):
             compare(wanted, found, same_maker=False)
 
 
-def test_the_runs_that_are_stopped_tell_why_and_when():
+def test_stopped_runs_report_reason_and_time():
     stopped = {name: case['stopped'] for name, case in DOCUMENT['cases'].items() if case['stopped']}
     start = 120
     assert stopped['emergency stop'] == f'emergency stop in bus cycle {start + 200}'

@@ -13,5 +13,5 @@ IN_EACH_RUN = [pages.FIRST]  # the commands of all others are read (test/docs)
 @pytest.mark.parametrize(
     'page', some(WITH_ROBOT, IN_EACH_RUN), ids=lambda page: str(page.relative_to(pages.SOURCE))
 )
-def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path, nothing_left_behind):
+def test_every_block_of_the_page_runs_unchanged(page, tmp_path, nothing_left_behind):
     pages.run_page(page, tmp_path)

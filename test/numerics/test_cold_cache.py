@@ -90,7 +90,7 @@ def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(cold):
     assert answers_of(RUN, '') == [0]
 
 
-def test_what_a_kind_of_robot_needs_beside_is_compiled_before_it_runs(cold):
+def test_additional_kernels_of_a_kind_of_robot_are_compiled_before_it_runs(cold):
     answers_of(COMPILE, '')
     before = len(list(cold.rglob('*.nbc')))
     answers = answers_of(COMPILE, 'rich', 'rich', 'rotary')

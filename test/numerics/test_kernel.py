@@ -1,4 +1,4 @@
-"""Facts about the cache of compiled kernels: whose it is, what fills it, what does not spoil it."""
+"""Tests of the cache of compiled kernels: whose it is, what fills it, what does not spoil it."""
 
 import json
 import os
@@ -118,7 +118,7 @@ def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, f
         assert output_of(FORWARD, tmp_path / 'cache', copy)['compiled'] >= 3, name
 
 
-def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_calls():
+def test_kernel_of_another_module_is_not_cached_because_its_callees_are_unknown():
     saved = []
     with kernel.watched(lambda: saved.append(True)):
         assert kernel.kernel(lambda x: 2.0 * x)(1.5) == 3.0

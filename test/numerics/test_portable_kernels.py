@@ -1,4 +1,4 @@
-"""Facts about kernels of drives and plant for other devices: a CUDA compiler takes them, which needs no GPU."""
+"""Tests of kernels of drives and plant for other devices: a CUDA compiler takes them, which needs no GPU."""
 
 import importlib.util
 import subprocess

@@ -1,4 +1,4 @@
-"""Facts about programs from one of their statements on, and about going to their start before."""
+"""Tests of programs from one of their statements on, and about going to their start before."""
 
 from dataclasses import replace
 
@@ -72,14 +72,14 @@ def test_a_program_that_is_repeated_begins_there_in_its_first_round(robot):
 
 
 @pytest.mark.parametrize(('first', 'last'), [(7, 6), (10**6, 6), (-1, 6)])
-def test_a_statement_that_is_not_there_is_none_to_begin_with(robot, first, last):
+def test_missing_statement_cannot_be_the_first(robot, first, last):
     with pytest.raises(
         ProgramError, match=rf'^there is no moves\[{first}\] to begin with: .* to moves\[{last}\]$'
     ):
         rest_of(read(robot), first, robot)
 
 
-def test_a_statement_behind_steps_from_an_unknown_place_is_none_to_begin_with(robot):
+def test_statement_after_steps_from_an_unknown_position_cannot_be_the_first(robot):
     steps = [{'move_l': {'to_m': {'by_m': [0.0, 0.0, 0.01]}}}, *BOX['moves']]
     program = read(robot, start_m=None, moves=steps)
     with pytest.raises(ProgramError, match=r'^moves\[1\].move_l starts after relative moves'):
@@ -87,7 +87,7 @@ def test_a_statement_behind_steps_from_an_unknown_place_is_none_to_begin_with(ro
     assert rest_of(program, 3, robot).start_m == (0.1, 0.0, -0.85)  # behind a move to a point
 
 
-def test_a_cubic_that_begins_in_motion_is_none_to_begin_with(robot):
+def test_cubic_that_begins_in_motion_cannot_be_the_first_statement(robot):
     cubics = [
         {'cubic': {'to_m': [0.05, 0.0, -0.8], 'duration_s': 0.5, 'end_velocity_m_s': [0.1, 0.0, 0.0]}},
         {'cubic': {'to_m': [0.1, 0.0, -0.8], 'duration_s': 0.5}},
@@ -99,7 +99,7 @@ def test_a_cubic_that_begins_in_motion_is_none_to_begin_with(robot):
     assert rest_of(program, 2, robot).start_m == (0.1, 0.0, -0.8)
 
 
-def test_behind_arm_angles_a_program_begins_where_these_end(robot):
+def test_program_after_arm_angles_begins_at_their_end(robot):
     angles = [0.3, 0.4, 0.5]
     home = kinematics.inverse(np.array(START), robot.kinematics).tolist()
     points = [{'time_s': 0.0, 'angles_rad': home}, {'time_s': 2.0, 'angles_rad': angles}]
@@ -121,7 +121,7 @@ def test_before_a_program_the_robot_goes_straight_and_slowly_to_its_start(robot)
     assert planned.plan.duration_s == pytest.approx(way.duration_s + follows.plan.duration_s)
 
 
-def test_the_way_is_checked_and_goes_once(robot):
+def test_path_is_checked_and_executed_once(robot):
     program = read(robot, repeat=3)
     there = approached(program, 0.25)
     assert [there.name_of(n) for n in range(len(there.statements))].count('the approach to its start') == 1
@@ -131,7 +131,7 @@ def test_the_way_is_checked_and_goes_once(robot):
         program_planner.plan(approached(low, 0.25), START, robot)
 
 
-def test_caps_hold_for_the_way_too(robot):
+def test_caps_apply_to_the_path_too(robot):
     found = adapted(read(robot), Adaptation(caps=(0.05, 0.0, 0.0), first=3, approach_m_s=0.25), robot)
     assert found.statements[0].limits.speed_m_s == 0.05
 

@@ -1,4 +1,4 @@
-"""Facts about arches: their shape keeps the clearances, and is the best of those that do."""
+"""Tests of arches: their shape keeps the clearances, and is the best of those that do."""
 
 import numpy as np
 import pytest
@@ -168,7 +168,7 @@ def test_without_time_optimal_it_keeps_the_limits_of_the_move(robot):
     assert move.master[:, 2].max() <= 1.001
 
 
-def test_what_cannot_be_is_refused_with_its_reason(robot):
+def test_what_cannot_be_is_rejected_with_its_reason(robot):
     assert 'above or below its start: use move_l' in refusal(
         plan, robot, [over((-0.1525, 0.0, -0.8))], HERE, **FAST
     )
@@ -178,7 +178,7 @@ def test_what_cannot_be_is_refused_with_its_reason(robot):
     assert 'height_m' in refusal(plan, robot, [over(keep_out={'margin_m': 0.1})], HERE, **FAST)
 
 
-def test_a_margin_of_more_than_half_of_the_way_keeps_out_of_nothing_but_the_top(robot):
+def test_margin_above_half_the_range_excludes_only_the_top(robot):
     points, _ = path(robot, over(keep_out={'height_m': -0.8, 'margin_m': 0.2}))
     assert points[:, 2].max() >= -0.8
 
@@ -199,7 +199,7 @@ def test_arches_that_are_slowed_down_are_one_notice_and_none_without_limits_of_t
     assert all(notice.endswith(' (20 times)') for notice in slowed)
 
 
-def test_a_notice_that_stands_for_others_counts_them():
+def test_combined_notice_counts_its_occurrences():
     one, two = (
         'moves[3].arch is slowed down, 0.2 s instead of 0.1 s',
         'moves[7].arch is slowed down, 4e-1 s instead of 0.3 s',

@@ -1,4 +1,4 @@
-"""Facts about what moves share that do not depend on the robot: each has limits, payloads and a time of its own."""
+"""Tests of what moves share that do not depend on the robot: each has limits, payloads and a time of its own."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def test_a_motion_is_evaluated_once_and_another_one_anew(robot):
     assert planner.dynamics(slow).tcp_speed_m_s.max() < 0.51 < 0.99 < first.tcp_speed_m_s.max()
 
 
-def test_phases_that_somebody_changes_are_those_of_nobody_else():
+def test_edited_phases_are_copies():
     first = plan_master(LENGTH_M, 1.0, 10.0, 500.0)
     kept = first.copy()
     first[:] = 0.0

@@ -1,4 +1,4 @@
-"""Facts about motion profiles: a plan that is started, held, resumed and overridden keeps to its path and limits."""
+"""Tests of motion profiles: a plan that is started, held, resumed and overridden keeps to its path and limits."""
 
 import math
 from dataclasses import replace
@@ -134,7 +134,7 @@ def test_a_hold_anywhere_stops_on_the_path_within_the_limits_of_the_move(share, 
 
 @given(share=cycles, wait=st.integers(0, 500), override=st.sampled_from([0.1, 0.5, 1.0, 1.2]))
 @settings(max_examples=examples(60))
-def test_a_held_program_goes_on_to_the_same_end(share, wait, override, plan):
+def test_held_program_continues_to_the_same_end(share, wait, override, plan):
     timeline = started(plan)
     timeline.change(timeline.stop(int(share * (timeline.end_cycle - 1))))
     standing = timeline.at(timeline.end_cycle)
@@ -153,7 +153,7 @@ def test_a_held_program_goes_on_to_the_same_end(share, wait, override, plan):
     share=cycles, changes=st.lists(st.sampled_from([0.05, 0.3, 0.8, 1.0, 1.3, 1.5]), min_size=1, max_size=4)
 )
 @settings(max_examples=examples(60))
-def test_an_override_on_the_way_keeps_path_and_limits(share, changes, plan):
+def test_override_during_motion_keeps_path_and_limits(share, changes, plan):
     timeline = started(plan)
     rows = []
     cycle = int(share * (timeline.end_cycle - 1))
@@ -300,7 +300,7 @@ def spoilt(row, index, value):
         (lambda row: spoilt(row, 6, 9.0), 'its master jumps'),
     ],
 )
-def test_a_malformed_motion_profile_is_refused(spoil, reason, plan):
+def test_a_malformed_motion_profile_is_rejected(spoil, reason, plan):
     row = started(plan).stop(300).to_array()
     with pytest.raises(ProgramError, match=reason):
         MotionProfile.from_array(spoil(row))
@@ -327,7 +327,7 @@ def shifted(profile, column, by):
         (lambda c: replace(c, cycle=-5), 'is too late'),
     ],
 )
-def test_a_motion_profile_that_does_not_continue_the_motion_is_refused(change, reason, plan):
+def test_a_motion_profile_that_does_not_continue_the_motion_is_rejected(change, reason, plan):
     timeline = started(plan)
     profile = timeline.stop(150)
     with pytest.raises(ProgramError, match=reason):
@@ -336,7 +336,7 @@ def test_a_motion_profile_that_does_not_continue_the_motion_is_refused(change, r
     assert timeline.profile is profile
 
 
-def test_a_motion_profile_that_leaves_its_move_is_refused(plan):
+def test_a_motion_profile_that_leaves_its_move_is_rejected(plan):
     timeline = started(plan)
     now = timeline.at(150)
     table = np.array(

@@ -1,4 +1,4 @@
-"""Facts about plans that become longer while they are driven: what stays, what is checked, what goes on unchanged."""
+"""Tests of plans that become longer while they are driven: what stays, what is checked, what goes on unchanged."""
 
 from dataclasses import replace
 from typing import Any
@@ -59,7 +59,7 @@ def place(timeline: Timeline, cycle: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize('override', [1.0, 0.3, 1.5])
-def test_what_is_driven_goes_on_as_it_was_up_to_its_end(override: float, robot: Any) -> None:
+def test_executed_moves_continue_unchanged_to_their_end(override: float, robot: Any) -> None:
     drive = Drive(robot, FIRST, override=override)
     extension, _, _ = drive.follow(150, SECOND)
     before, after = drive.timeline, extension.timeline
@@ -80,7 +80,7 @@ def test_moves_that_were_driven_are_left_out(robot: Any) -> None:
     assert len(drive.known.loads) == len(extension.timeline.plan.moves)
 
 
-def test_a_dwell_goes_on_for_what_is_left_of_it(robot: Any) -> None:
+def test_dwell_continues_for_its_remaining_time(robot: Any) -> None:
     drive = Drive(robot, Dwell(0.5))
     extension, _, _ = drive.follow(300, SECOND)
     after = extension.timeline
@@ -90,7 +90,7 @@ def test_a_dwell_goes_on_for_what_is_left_of_it(robot: Any) -> None:
     assert np.abs(place(after, 599) - HOME).max() < 1e-12
 
 
-def test_a_corner_is_rounded_before_its_blend_and_not_behind_it(robot: Any) -> None:
+def test_corner_is_rounded_before_its_blend_only(robot: Any) -> None:
     blended = replace(FIRST, blend_m=0.03)
     drive = Drive(robot, blended)
     extension, splice, _ = drive.follow(150, SECOND)
@@ -110,7 +110,7 @@ def test_a_corner_is_rounded_before_its_blend_and_not_behind_it(robot: Any) -> N
         held.follow(held.timeline.end_cycle, SECOND)
 
 
-def test_a_plan_that_would_let_the_tcp_jump_is_refused(robot: Any) -> None:
+def test_a_plan_that_would_let_the_tcp_jump_is_rejected(robot: Any) -> None:
     drive = Drive(robot, FIRST)
     extension, _, _ = drive.follow(150, SECOND)
     plan, profile = extension.timeline.plan, extension.profile
@@ -128,7 +128,7 @@ def test_a_plan_that_would_let_the_tcp_jump_is_refused(robot: Any) -> None:
         drive.timeline.extended(plan, replace(profile, number=7))
 
 
-def test_moves_that_begin_elsewhere_or_are_too_many_are_refused(robot: Any) -> None:
+def test_moves_that_begin_elsewhere_or_are_too_many_are_rejected(robot: Any) -> None:
     drive = Drive(robot, FIRST)
     more = drive.planned.plan
     with pytest.raises(ProgramError, match='away from the end of the previous one'):
@@ -144,7 +144,7 @@ def test_moves_that_begin_elsewhere_or_are_too_many_are_refused(robot: Any) -> N
         drive.planned.plan.extended(0, 1, many.plan)
 
 
-def test_the_rms_current_of_what_is_still_to_come_is_kept(robot: Any) -> None:
+def test_rms_current_of_the_remainder_is_kept(robot: Any) -> None:
     hard = Limits(3.0, 60.0, 6000.0)
     swing = tuple(MoveL(Target((x, 0.0, -0.85)), limits=hard) for x in (0.3, -0.3) * 4)
     nominal = robot.motor.nominal_current_a

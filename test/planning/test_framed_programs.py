@@ -1,4 +1,4 @@
-"""Facts about programs that tell points in frames, for tools, and at the places of patterns."""
+"""Tests of programs that tell points in frames, for tools, and at the places of patterns."""
 
 import math
 
@@ -60,7 +60,7 @@ def same(found, expected):
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING_M)
 
 
-def test_every_point_of_a_statement_is_told_in_its_frame(load):
+def test_every_point_of_a_statement_is_in_its_frame(load):
     text = f"""{HEAD}frame: table
 start_mm: [0, 0, 150]
 moves:
@@ -133,7 +133,7 @@ moves:
     assert len(everywhere) == 4
 
 
-def test_a_taught_frame_is_that_of_its_points_told_in_its_parent(load):
+def test_taught_frame_has_its_points_in_its_parent(load):
     points = 'taught_mm: [[100, -50, 20], [110, -50, 20], [0, 0, 20]]'
     (move,) = load(f'{HEAD}  '.replace('tools:', f'  shown: {{parent: table, {points}}}\ntools:') + """
 moves: [{move_l: {to_m: [0.1, 0.0, 0.1], frame: shown}}]
@@ -233,7 +233,7 @@ def test_a_pattern_in_reverse_takes_a_stack_down(load):
     assert heights == pytest.approx([-0.81, -0.83, -0.85])
 
 
-def test_what_cannot_be_driven_at_a_place_is_told_with_its_line_and_the_place(load, robot, tmp_path):
+def test_unreachable_place_is_reported_with_line_and_position(load, robot, tmp_path):
     program = load("""\
 patterns: {wide: {rows: 1, columns: 3, pitch_m: [0.5, 0]}}
 moves:
@@ -302,7 +302,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(('head', 'sentence'), MISTAKES)
-def test_mistakes_of_the_head_are_told_with_their_places(head, sentence, refused):
+def test_errors_of_the_head_are_reported_with_their_places(head, sentence, refused):
     assert refused(f'{head}\nmoves: [{{move_l: {{to_m: [0, 0, -0.8]}}}}]').startswith(sentence)
 
 
@@ -346,7 +346,7 @@ STATEMENTS = [
 
 
 @pytest.mark.parametrize(('statement', 'sentence'), STATEMENTS)
-def test_mistakes_of_statements_are_told_once_with_their_places(statement, sentence, refused):
+def test_errors_of_statements_are_reported_once_with_their_places(statement, sentence, refused):
     head = HEAD.replace('tools:', '  tilted: {pitch_deg: 10}\ntools:')
     told = refused(f'{head}{PATTERNS}moves:\n- {statement}\n')
     assert told.startswith('13:')

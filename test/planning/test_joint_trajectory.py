@@ -1,4 +1,4 @@
-"""Facts about trajectories of arm angles: their polynomials, the TCP that follows from them, and what is refused."""
+"""Tests of trajectories of arm angles: their polynomials, the TCP that follows from them, and what is refused."""
 
 from dataclasses import replace
 
@@ -125,7 +125,7 @@ def test_tcp_and_its_derivatives_are_those_of_the_arms(robot, home):
         assert here[:, order] == pytest.approx(change, rel=1e-6, abs=1e-7)
 
 
-def test_other_moves_go_on_where_a_trajectory_ends_and_the_other_way_round(robot, home):
+def test_moves_continue_at_the_end_of_a_trajectory_and_vice_versa(robot, home):
     target = moved(home, 0.2, 0.1, 0.15)
     found = planned(
         robot,
@@ -164,7 +164,7 @@ def test_a_message_brings_a_trajectory_back_to_the_last_bit(robot, home):
     check_reach(back, robot)
 
 
-def test_whoever_does_not_know_the_robot_knows_no_tcp(robot, home):
+def test_unknown_robot_has_no_tcp(robot, home):
     move = planned(robot, [point(0.5, home + 0.1, STILL)]).plan.move(0)
     back, _, _ = Move.from_array(move.to_array(0, 1))
     assert np.isnan(back.end_m()).all()
@@ -178,7 +178,7 @@ def test_whoever_does_not_know_the_robot_knows_no_tcp(robot, home):
         (float('nan'), 'finite'),
     ],
 )
-def test_a_foreign_trajectory_is_refused_as_every_foreign_plan(change, reason, robot, home):
+def test_trajectory_of_another_publisher_is_rejected_like_any_such_plan(change, reason, robot, home):
     move = planned(robot, [point(0.5, home + 0.1, STILL)]).plan.move(0)
     row = move.to_array(0, 1)
     row[-18] += change  # the constant of the first arm
@@ -201,7 +201,7 @@ def test_times_must_increase(times, reason, robot, home):
     assert reason in refusal(robot, *(point(time, home, STILL) for time in times))
 
 
-def test_a_first_point_at_time_0_must_be_where_the_robot_stands(robot, home):
+def test_first_point_at_time_0_must_be_the_position_of_the_robot(robot, home):
     sentence = refusal(robot, point(0.0, moved(home, 0.0, 0.01, 0.0)), point(1.0, home))
     assert 'point 1 at time 0 has arm 2 at -0.0529375 rad, but its angle is -0.0629375 rad' in sentence
     assert sentence.endswith('the limit of the difference is 0.001 rad')
@@ -228,7 +228,7 @@ def test_limits_of_arms_workspace_and_motors_are_kept_between_points_too(points,
     assert reason in sentence
 
 
-def test_a_trajectory_between_legal_points_that_swings_out_is_refused_at_its_place(robot, home):
+def test_a_trajectory_between_legal_points_that_swings_out_is_rejected_at_its_place(robot, home):
     sentence = refusal(robot, point(0.4, home + 0.1, [6.0, 6.0, 6.0]), point(0.8, home + 0.1, STILL))
     assert 'before point ' in sentence
 
@@ -251,7 +251,7 @@ def test_arm_angles_take_no_cap_of_speed(robot, home):
         ({'points': [{'time_s': 1.0, 'angles_rad': [0.0, float('inf'), 0.0]}]}, 'must be finite'),
     ],
 )  # fmt: skip
-def test_a_file_says_what_is_wrong_with_a_point(content, reason, robot):
+def test_file_error_names_the_invalid_point(content, reason, robot):
     with pytest.raises(ProgramError) as caught:
         programs.parse({'moves': [{'joints': content}]}, robot.motion)
     assert reason in str(caught.value)
@@ -264,7 +264,7 @@ def test_a_file_says_what_is_wrong_with_a_point(content, reason, robot):
         ({'forearm_length_m': 0.5}, 0.0, 'the forearms do not meet here'),
     ],
 )
-def test_angles_of_no_pose_that_is_worked_in_are_refused(other, angle, reason, robot):
+def test_angles_of_no_pose_that_is_worked_in_are_rejected(other, angle, reason, robot):
     # end stops far away
     dynamics = replace(robot.dynamics, end_stop_max_deg=175.0)
     strange = replace(robot, kinematics=replace(robot.kinematics, **other), dynamics=dynamics)

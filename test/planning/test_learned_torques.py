@@ -1,4 +1,4 @@
-"""Facts about files of learned torques, and for which plan and robot they are."""
+"""Tests of files of learned torques, and for which plan and robot they are."""
 
 import errno
 import os
@@ -50,19 +50,19 @@ def test_they_fit_the_same_program_that_is_planned_again(learned, robot):
     learned.require(planned(robot), robot, 'a.npz')
 
 
-def test_where_the_robot_stands_before_a_program_does_not_matter(learned, robot):
+def test_position_before_a_program_does_not_matter(learned, robot):
     assert learned.refusal(planned(robot), robot.replace(motion__home_m=(0.1, 0.0, -0.8))) == ''
 
 
 @pytest.mark.parametrize(('off_m', 'fits'), [(1e-6, True), (1e-5, True), (5e-5, False), (5e-4, False)])
-def test_a_robot_that_comes_back_may_stand_some_increments_beside_the_start(off_m, fits, learned, robot):
+def test_returning_robot_may_be_some_increments_off_the_start(off_m, fits, learned, robot):
     """Its plan begins where it stands: the same motion, to micrometres, but never the same numbers."""
     plan = planned(robot, here_m=(0.0, off_m, -0.75 + 0.3 * off_m))
     assert (learned.refusal(plan, robot) == '') == fits
 
 
 @pytest.mark.parametrize(('payload_kg', 'fits'), [(0.2, True), (0.3, False)])
-def test_what_is_gripped_on_the_way_has_the_same_mass(payload_kg, fits, robot):
+def test_part_gripped_during_motion_has_the_same_mass(payload_kg, fits, robot):
     learned = Learned(np.zeros((10, 3)), Origin.of('probe', planned(robot, **released(0.2)), robot))
     assert (learned.refusal(planned(robot, **released(payload_kg)), robot) == '') == fits
 
@@ -115,13 +115,13 @@ def later():
     ],
     ids=['speed', 'path', 'more moves', 'another order', 'payload', 'payload on the way'],
 )
-def test_they_are_refused_by_name_for_another_program(fields, sentence, learned, robot):
+def test_they_are_rejected_by_name_for_another_program(fields, sentence, learned, robot):
     plan = planned(robot, **fields)
     with pytest.raises(LearnedError, match=f'learned torques of a.npz do not fit: they belong to {sentence}'):
         learned.require(plan, robot, 'a.npz')
 
 
-def test_they_are_refused_for_other_parameters(learned, robot):
+def test_they_are_rejected_for_other_parameters(learned, robot):
     other = robot.replace(drive__position_gain_rad_s_rad=70.0)
     refusal = learned.refusal(planned(other), other)
     assert refusal == (
@@ -136,7 +136,7 @@ def test_they_are_refused_for_other_parameters(learned, robot):
         learned.require_robot(other, 'a.npz')
 
 
-def test_what_is_no_such_file_is_refused(learned, tmp_path):
+def test_unknown_file_is_rejected(learned, tmp_path):
     with pytest.raises(LearnedError, match=r'cannot read .*: No such file'):
         torques_file.load(tmp_path / 'none.npz')
     text, trace = tmp_path / 'text.npz', tmp_path / 'trace.npz'
@@ -178,7 +178,7 @@ def spoilt(learned, tmp_path):
     ],
     ids=['text', 'complex', 'no table', 'no places', 'list', 'number', 'deep', 'name', 'parameters'],
 )
-def test_a_file_that_holds_something_else_is_refused(changes, spoilt):
+def test_a_file_that_holds_something_else_is_rejected(changes, spoilt):
     with pytest.raises(
         LearnedError, match='does not contain learned torques: delta3 learn writes such files'
     ):
@@ -197,13 +197,13 @@ def test_a_file_that_holds_something_else_is_refused(changes, spoilt):
     ],
     ids=['no moves', 'table of kinds', 'starts', 'nan', 'few places', 'row of changes'],
 )
-def test_a_file_that_does_not_tell_its_plan_is_refused(changes, spoilt):
+def test_file_without_its_plan_is_rejected(changes, spoilt):
     with pytest.raises(LearnedError, match='does not specify the plan of its torques'):
         torques_file.load(spoilt(**changes))
 
 
 @pytest.mark.parametrize('length', [0, 30, 3000])
-def test_a_file_that_was_cut_is_refused(length, learned, tmp_path):
+def test_a_file_that_was_cut_is_rejected(length, learned, tmp_path):
     path = torques_file.save(learned, tmp_path / 'learned.npz')
     path.write_bytes(path.read_bytes()[:length])
     with pytest.raises(LearnedError, match='does not contain learned torques'):
@@ -233,13 +233,13 @@ def test_a_full_disk_leaves_the_file_that_was_there(learned, tmp_path, monkeypat
     ],
     ids=['two axes', 'nothing', 'nan'],
 )
-def test_torques_that_no_motor_could_follow_are_refused(torques, sentence, learned, tmp_path):
+def test_torques_that_no_motor_could_follow_are_rejected(torques, sentence, learned, tmp_path):
     path = torques_file.save(replace(learned, torques=torques), tmp_path / 'learned.npz')
     with pytest.raises(LearnedError, match=sentence):
         torques_file.load(path)
 
 
-def test_a_file_that_cannot_be_written_is_refused_by_name(learned, tmp_path):
+def test_a_file_that_cannot_be_written_is_rejected_by_name(learned, tmp_path):
     with pytest.raises(LearnedError, match=r'must end with \.npz'):
         torques_file.save(learned, tmp_path / 'learned.csv')
     with pytest.raises(LearnedError, match='there is no folder'):

@@ -1,4 +1,4 @@
-"""Facts about outputs that switch before or after the end of a move: by distance and by time, as valves need it."""
+"""Tests of outputs that switch before or after the end of a move: by distance and by time, as valves need it."""
 
 import numpy as np
 import pytest
@@ -58,7 +58,7 @@ def test_an_output_switches_a_distance_after_the_end_of_the_move_before_it(robot
     assert len(planned.plan.moves[0].events) == 0
 
 
-def test_a_distance_and_a_time_after_the_end_go_on_through_dwells(robot):
+def test_distance_and_time_after_the_end_extend_over_dwells(robot):
     planned = plan(
         robot,
         [to(*A), output(after_s=0.25), output('output1', after_m=0.03), dwell(0.1), dwell(0.1), to(*B)],
@@ -241,7 +241,7 @@ def test_an_override_switches_at_the_same_place(robot):
         ),
     ],
 )
-def test_a_time_or_a_distance_that_is_not_there_is_refused(moves, sentence, robot):
+def test_a_time_or_a_distance_that_is_not_there_is_rejected(moves, sentence, robot):
     assert refusal(plan, robot, moves).startswith(sentence)
 
 
@@ -259,10 +259,10 @@ def test_a_time_or_a_distance_that_is_not_there_is_refused(moves, sentence, robo
         ({'after_m': 'x'}, "moves[0].output.after_m must be a number, not 'x'"),
     ],
 )
-def test_an_output_that_is_shifted_wrongly_is_refused(fields, sentence, robot):
+def test_an_output_that_is_shifted_wrongly_is_rejected(fields, sentence, robot):
     assert refusal(parse, robot, [output(**fields)]).startswith(sentence)
 
 
-def test_an_output_says_when_it_is_due(robot):
+def test_output_names_its_due_time(robot):
     (one,) = parse(robot, [output(after_mm=20)]).statements
     assert one == Output('gripper', 1.0, after_m=0.02)

@@ -1,4 +1,4 @@
-"""Facts about plans: messages to the last bit, what is refused of a stranger's plan, moves one after the other."""
+"""Tests of plans: messages to the last bit, what is refused of a stranger's plan, moves one after the other."""
 
 import math
 import re
@@ -171,7 +171,7 @@ def moved(row, index, by):
         (lambda row: spoilt(row, EVENTS + 1, -2.0), 'name an unknown output'),
     ],
 )
-def test_a_malformed_plan_message_is_refused_with_a_reason(spoil, reason):
+def test_a_malformed_plan_message_is_rejected_with_a_reason(spoil, reason):
     row = line().to_array(0, 3)
     assert len(line().master) == 8
     Move.from_array(row)
@@ -179,7 +179,7 @@ def test_a_malformed_plan_message_is_refused_with_a_reason(spoil, reason):
 
 
 @pytest.mark.parametrize('kind', ['ARC', 'SPLINE', 'BLENDED'])
-def test_a_path_that_jumps_between_two_pieces_is_refused(kind, robot):
+def test_a_path_that_jumps_between_two_pieces_is_rejected(kind, robot):
     move = next(move for move in planned(robot).moves if move.kind == MoveKind[kind])
     for column in (1, 7, 13):
         segments = move.segments.copy()
@@ -190,7 +190,7 @@ def test_a_path_that_jumps_between_two_pieces_is_refused(kind, robot):
         assert 'plan message 0 of 1: its path jumps by 1.1e-06 m' in reason
 
 
-def test_pieces_out_of_order_are_refused():
+def test_pieces_out_of_order_are_rejected():
     move = Move(MoveKind.LINE, rest(1.0), np.zeros((2, SEGMENT_COLUMNS)))
     assert 'do not increase' in refusal(Move.from_array, move.to_array(0, 1))
 
@@ -207,7 +207,7 @@ def test_only_a_cubic_may_begin_and_end_at_speed(robot):
     st.integers(0, HEADER + 8 * 5 + SEGMENT_COLUMNS + 2 * EVENT_COLUMNS - 1),
     st.one_of(st.floats(), st.integers(-5, 10).map(float)),
 )
-def test_whatever_number_of_a_message_is_spoilt_it_is_refused_or_still_a_move_without_jumps(index, value):
+def test_whatever_number_of_a_message_is_spoilt_it_is_rejected_or_still_a_move_without_jumps(index, value):
     row = spoilt(line().to_array(0, 3), index, value)
     try:
         move, _, _ = Move.from_array(row)
@@ -291,7 +291,7 @@ def test_what_runs_in_the_cycle_is_what_sampling_shows(robot):
         assert place == tuple(position)
 
 
-def test_before_its_start_and_after_its_end_a_plan_stands(robot):
+def test_plan_is_at_rest_before_its_start_and_after_its_end(robot):
     plan = planned(robot)
     p, master, numbers = sample_plan(plan, [-1.0, 0.0, plan.duration_s, plan.duration_s + 100.0])
     assert np.array_equal(p[0], p[1])
@@ -308,14 +308,14 @@ def test_before_its_start_and_after_its_end_a_plan_stands(robot):
         ((0.0, 0.0, -0.99), 'z is -0.99 m at s = '),
     ],
 )
-def test_a_strangers_move_out_of_the_workspace_is_refused(end, reason, robot):
+def test_external_move_out_of_the_workspace_is_rejected(end, reason, robot):
     path = curves.line((0.0, 0.0, -0.8), end)
     move = Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
     with pytest.raises(ProgramError, match=re.escape(reason)):
         check_reach(move, robot)
 
 
-def test_a_strangers_move_beyond_the_angles_of_the_arms_is_refused_and_another_is_not(robot):
+def test_external_move_beyond_the_arm_angles_is_rejected_and_a_valid_one_is_not(robot):
     path = curves.line((0.0, 0.0, -0.8), (0.0, 0.0, -0.94))
     move = Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
     check_reach(move, robot)
@@ -331,7 +331,7 @@ def straight(start, end):
     return Move(MoveKind.LINE, plan_master(path.length_m, 1.0, 10.0, math.inf), path.segments)
 
 
-def test_a_strangers_move_that_begins_outside_is_refused_unless_it_brings_a_robot_back(robot):
+def test_external_move_from_outside_is_rejected_unless_it_returns_the_robot(robot):
     with pytest.raises(ProgramError, match=r'the distance from the z axis is 0\.7 m'):
         check_reach(straight(OUTSIDE, INSIDE), robot)
     check_reach(straight(OUTSIDE, INSIDE), robot, returning=True)
@@ -339,7 +339,7 @@ def test_a_strangers_move_that_begins_outside_is_refused_unless_it_brings_a_robo
         check_reach(straight(INSIDE, OUTSIDE), robot, returning=True)
 
 
-def test_a_master_that_runs_backwards_is_refused():
+def test_a_master_that_runs_backwards_is_rejected():
     forwards = straight(OUTSIDE, HOME)
     master = forwards.master.copy()
     master[:, 1] = forwards.length_m - master[:, 1]
@@ -355,7 +355,7 @@ def builder(*moves):
     return made
 
 
-def test_moves_that_do_not_begin_where_the_last_one_ends_are_no_plan():
+def test_moves_that_do_not_begin_at_the_last_end_form_no_plan():
     there, elsewhere = straight(HOME, INSIDE), straight((0.4, 0.0, -0.8), HOME)
     with pytest.raises(ProgramError, match=r'move 1 of the plan starts 100\.000 mm away'):
         builder(there, elsewhere).require_joined([0, 1])

@@ -1,4 +1,4 @@
-"""Facts about planning: where programs start and end, where outputs lie, and how cubics follow each other."""
+"""Tests of planning: where programs start and end, where outputs lie, and how cubics follow each other."""
 
 import math
 
@@ -18,7 +18,7 @@ from thoroughness import examples
 # where programs start and end
 
 
-def test_a_robot_that_stands_elsewhere_is_named_with_its_distance(robot):
+def test_robot_at_another_position_is_reported_with_its_distance(robot):
     sentence = refusal(
         plan, robot, [to(0, 0, -0.8)], position=(0.0, 0.02, -0.75), start_m=[0, 0, -0.75], name='a'
     )
@@ -62,7 +62,7 @@ def test_points_may_be_named_and_relative_to_the_robot_or_to_a_point(robot):
         assert np.linalg.norm(p - point, axis=1).min() < s[1]
 
 
-def test_a_repeated_program_goes_on_from_where_it_ends(robot):
+def test_repeated_program_continues_from_its_end(robot):
     planned = plan(robot, [to(0, 0, -0.8), to(0.1, 0, -0.8)], repeat=3)
     assert len(planned.plan) == 6
     starts = np.array([planned.plan.move(n).segments[0, 1::6] for n in range(6)])
@@ -81,7 +81,7 @@ def test_each_different_round_is_planned_once(robot):
 
 @settings(max_examples=examples(20))
 @given(st.lists(st.tuples(*[st.floats(-0.04, 0.04)] * 3), min_size=1, max_size=3))
-def test_rounds_of_relative_moves_that_come_back_are_one_round_but_for_rounding(robot, steps):
+def test_closed_rounds_of_relative_moves_are_one_round_up_to_rounding(robot, steps):
     steps = [np.round(step, 3) for step in steps]
     assume(min(np.linalg.norm(step) for step in [*steps, np.sum(steps, axis=0)]) > 2e-3)
     there = [{'move_l': {'to_m': {'by_m': step.tolist()}}} for step in steps]
@@ -222,7 +222,7 @@ def test_events_are_in_order_of_their_places_and_the_last_one_decides_the_payloa
         ),
     ],
 )
-def test_an_output_without_a_place_is_refused(moves, reason, robot):
+def test_an_output_without_a_place_is_rejected(moves, reason, robot):
     assert reason in refusal(plan, robot, moves)
 
 
@@ -242,7 +242,7 @@ def test_a_heavy_payload_gripped_before_a_move_slows_it_down(kind, robot):
     assert np.abs(current).max() > 0.8 * robot.motor.peak_current_a
 
 
-def test_a_payload_gripped_on_the_way_weighs_from_its_place_on(robot):
+def test_payload_gripped_during_motion_acts_from_its_position_on(robot):
     limits = {'speed_m_s': 10.0, 'acceleration_m_s2': 600.0, 'jerk_m_s3': math.inf}
     moves = [
         to(-0.3, 0.1, -0.8),
@@ -319,6 +319,6 @@ def test_a_cubic_too_quick_for_a_motor_is_slowed_down_as_a_whole(robot):
     assert np.abs(p[:, 0] - 0.3 * (3.0 * u**2 - 2.0 * u**3)).max() < 1e-12
 
 
-def test_a_cubic_that_leaves_the_workspace_is_refused(robot):
+def test_a_cubic_that_leaves_the_workspace_is_rejected(robot):
     sentence = refusal(plan, robot, [cubic(0.1, 0, -0.75, 1.0, (0, 0, 2.0)), cubic(*HOME, 1.0)])
     assert sentence.startswith('moves[1].cubic: z is ')

@@ -1,4 +1,4 @@
-"""Facts about units that keys of a program say, and about points that are told from others."""
+"""Tests of units that keys of a program say, and about points that are told from others."""
 
 import math
 
@@ -72,7 +72,7 @@ def test_arm_angles_may_be_in_degrees(load):
     assert point.speeds_rad_s == (0.0, math.radians(90), 0.0)
 
 
-def test_a_point_is_told_from_one_above_it_and_from_none_below(load, refused):
+def test_point_is_explained_from_above_and_not_from_below(load, refused):
     chain = 'points: {a: [0, 0, -0.8], b: {point: a, by_mm: [100, 0, 0]}, c: {point: b, by_mm: [0, 0, 50]}}\n'
     (move,) = load(f'{chain}moves: [{{move_l: {{to_m: c}}}}]').statements
     assert move.to.point_m == pytest.approx((0.1, 0.0, -0.75), abs=1e-15)
@@ -126,7 +126,7 @@ def test_a_point_is_told_from_one_above_it_and_from_none_below(load, refused):
         ),
     ],
 )
-def test_a_unit_that_is_wrong_or_given_twice_is_refused_with_its_place(text, sentence, refused):
+def test_a_unit_that_is_wrong_or_given_twice_is_rejected_with_its_place(text, sentence, refused):
     assert sentence in refused(text)
 
 

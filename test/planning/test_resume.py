@@ -1,4 +1,4 @@
-"""Facts about going on after a fault: the path that is left is all of it, once, from where the robot stands."""
+"""Tests of going on after a fault: the path that is left is all of it, once, from where the robot stands."""
 
 import numpy as np
 import pytest
@@ -124,7 +124,7 @@ def test_a_plan_that_is_left_is_driven_to_the_same_end(plan):
     assert np.linalg.norm(here - plan.move(1).start_m()) > 0.02
 
 
-def test_behind_its_end_a_master_stands_whatever_speed_its_last_row_tells():
+def test_master_is_at_rest_after_its_end_whatever_speed_its_last_row_has():
     """A stranger's sequence of cubics may end with one: its path ends there all the same."""
     phases = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1.0, 2.0, 3.0]])
     at = sample_master([0.25, 0.5, 0.75, 100.0], phases)

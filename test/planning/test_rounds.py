@@ -1,4 +1,4 @@
-"""Facts about rounds of a program that blends join, so that the robot need not stop between them."""
+"""Tests of rounds of a program that blends join, so that the robot need not stop between them."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def standstills(planned):
     return int((np.diff(stands.astype(int)) == 1).sum()) + int(stands[0])
 
 
-def test_a_blend_at_the_end_goes_on_into_the_next_round(robot):
+def test_blend_at_the_end_continues_into_the_next_round(robot):
     # it stops once a round, at the second corner
     joined = plan(robot, square(0.03, 0.0, 0.03, 0.03), HERE, repeat=4, limits=QUICK, time_optimal=True)
     stopping = plan(robot, square(0.03, 0.0, 0.03, 0.0), HERE, repeat=4, limits=QUICK, time_optimal=True)
@@ -50,7 +50,7 @@ def test_without_any_stop_all_rounds_are_one_move(robot):
     assert (np.diff(right) == 1).sum() == 5
 
 
-def test_too_many_corners_for_one_move_are_refused(robot):
+def test_too_many_corners_for_one_move_are_rejected(robot):
     sentence = refusal(plan, robot, square(0.03, 0.03, 0.03, 0.03), HERE, repeat=100, limits=QUICK)
     assert '4 moves in 100 rounds' in sentence
     assert 'let one of them end exactly' in sentence
@@ -70,7 +70,7 @@ def test_what_does_not_move_at_the_begin(first, robot):
     assert sum(switched) == 3
 
 
-def test_one_round_needs_a_move_behind_its_last_blend(robot):
+def test_single_round_needs_a_move_after_its_last_blend(robot):
     assert 'blend_m needs a move that follows' in refusal(
         plan, robot, square(0.03, 0.0, 0.03, 0.03), HERE, limits=QUICK
     )

@@ -187,7 +187,7 @@ def test_a_circle_that_is_not_one_is_rejected_with_a_suggestion(robot, keys, tex
         planned(robot, [80, 0, -800], [('move_c', keys)])
 
 
-def test_a_program_continues_behind_a_circle_over_an_angle(robot):
+def test_program_continues_after_a_circle_over_an_angle(robot):
     moves = [('move_c', CIRCLE | {'angle_deg': 90}), ('move_l', {'to_mm': {'by_mm': [10, 0, 0]}})]
     program = program_file.parse(
         {'start_mm': [80, 0, -800], 'moves': [{k: v} for k, v in moves]}, robot.motion

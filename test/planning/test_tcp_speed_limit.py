@@ -1,4 +1,4 @@
-"""Facts about the one limit of TCP speed: every kind of motion keeps it, whatever asks for more."""
+"""Tests of the one limit of TCP speed: every kind of motion keeps it, whatever asks for more."""
 
 import math
 from dataclasses import replace
@@ -64,7 +64,7 @@ def test_a_move_may_ask_for_the_limit_and_is_driven_with_it(speed_m_s, slow):
 
 
 @pytest.mark.parametrize('speed_m_s', [ABOVE, 3.0])
-def test_a_move_that_asks_for_more_is_refused_with_value_rule_and_place(speed_m_s, slow):
+def test_a_move_that_asks_for_more_is_rejected_with_value_rule_and_place(speed_m_s, slow):
     rule = 'must not exceed motion.tcp_speed_limit_m_s (2.0)'
     for document, place in (
         ({'moves': [line(speed_m_s)]}, 'moves[0].move_l.speed_m_s'),
@@ -108,7 +108,7 @@ def test_a_cubic_in_time_is_slowed_down(slow):
     assert 0.99 * LIMIT < fastest(planned) <= KEPT * LIMIT
 
 
-def test_arm_angles_over_time_are_refused(slow):
+def test_arm_angles_over_time_are_rejected(slow):
     start, end = kinematics.inverse([START, END], slow.kinematics)
     still = [0.0, 0.0, 0.0]
     points = [
@@ -129,7 +129,7 @@ def test_the_largest_override_leads_to_the_limit_and_not_beyond(speed_m_s, overr
     assert planned.override_max * fastest(planned) <= LIMIT * (1.0 + 1e-8)
 
 
-def test_a_plan_of_a_foreign_writer_keeps_the_limit_at_its_override(slow):
+def test_plan_of_another_writer_keeps_the_limit_at_its_override(slow):
     move = plan(slow, line(1.6)).plan.move(0)
     room = check_speed(move, 1.0, slow)
     assert room == pytest.approx(1.25 * (1.0 + TCP_BETWEEN_SAMPLES), rel=1e-6)
@@ -155,7 +155,7 @@ def test_the_robot_gets_on_a_belt_with_the_limit_at_most(speed_m_s, slow):
 
 
 @pytest.mark.parametrize('speed_m_s', [ABOVE, 20.0, math.inf])
-def test_a_belt_that_asks_for_more_is_refused(speed_m_s, slow):
+def test_a_belt_that_asks_for_more_is_rejected(speed_m_s, slow):
     with pytest.raises(ProgramError) as told:
         limits_of({'speed_m_s': speed_m_s}, slow.motion)
     assert str(told.value) == (

@@ -1,4 +1,4 @@
-"""Facts about moves in which the tool turns: the turn over the path, and the limits of the rotary axis."""
+"""Tests of moves in which the tool turns: the turn over the path, and the limits of the rotary axis."""
 
 import math
 from itertools import pairwise
@@ -120,13 +120,13 @@ def test_an_angle_counts_from_the_x_axis_of_its_frame(machine):
     assert [end for _, end in turned_deg(planned)] == [40.0, 45.0, 0.0, 20.0]
 
 
-def test_an_angle_in_a_tilted_frame_is_refused(machine):
+def test_an_angle_in_a_tilted_frame_is_rejected(machine):
     moves = [{'turn': {'frame': 'ramp', 'to_deg': 10}}]
     sentence = refusal(moves, machine, frames=FRAMES)
     assert 'an angle of the tool needs a frame whose z axis is upright, not one tilted by 10 deg' in sentence
 
 
-def test_a_tool_that_works_beside_the_axis_is_not_turned(machine):
+def test_tool_off_the_axis_is_not_rotated(machine):
     tools = {'cup': {'offset_m': [0.02, 0.0, -0.06]}}
     sentence = refusal([{'move_l': {'to_m': THERE, 'turn_deg': 10}}], machine, tools=tools)
     assert "tool 'cup' works 20 mm off the axis that would turn it" in sentence
@@ -184,7 +184,7 @@ def test_the_compiled_code_reads_the_turn_as_the_planner_does(machine):
 # a turn at a standing point
 
 
-def test_the_tool_turns_at_a_standing_point_as_fast_as_its_axis_can(machine):
+def test_tool_turns_at_a_fixed_point_as_fast_as_its_axis_permits(machine):
     planned = plan([{'turn': {'to_deg': 180}}], machine)
     (move,) = planned.plan.moves
     assert move.kind == MoveKind.TURN
@@ -308,7 +308,7 @@ def test_a_program_that_would_heat_the_motor_of_the_axis_too_much_is_slower_as_a
     assert 'the rms current of the motor of the rotary axis would be' in sentence
 
 
-def test_a_strict_move_is_refused_instead_of_slowed_down(machine):
+def test_a_strict_move_is_rejected_instead_of_slowed_down(machine):
     weak = machine.replace(rotary__speed_max_deg_s=400.0)
     sentence = refusal([{'move_l': FAST | {'turn_deg': 180, 'strict': True}}], weak)
     assert 'the speed of the tool would be' in sentence
@@ -337,7 +337,7 @@ def test_the_tool_stays_between_its_limits(machine):
     assert 'the tool is already at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
 
 
-def test_a_robot_without_a_rotary_axis_refuses_to_turn_by_name(robot):
+def test_a_robot_without_a_rotary_axis_rejects_to_turn_by_name(robot):
     no_axis = 'the robot has no rotary axis (rotary.present is false)'
     for moves, head in (
         ([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], {}),
@@ -347,7 +347,7 @@ def test_a_robot_without_a_rotary_axis_refuses_to_turn_by_name(robot):
         assert no_axis in refusal(moves, robot, **head)
 
 
-def test_a_program_that_starts_with_the_tool_elsewhere_is_refused(machine):
+def test_a_program_that_starts_with_the_tool_elsewhere_is_rejected(machine):
     document = {'start_m': START, 'start_turn_deg': 30, 'moves': [{'turn': {'to_deg': 0}}]}
     program = programs.parse(document, machine.motion)
     with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but its angle is 90 deg'):
@@ -373,7 +373,7 @@ def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_th
 # plans
 
 
-def test_a_move_with_a_turn_is_a_row_of_its_own_version_and_comes_back_as_it_was(machine):
+def test_move_with_rotation_has_its_own_row_version_and_is_restored(machine):
     (move,) = corner(machine).plan.moves
     row = move.to_array(0, 1)
     assert (VERSION, row[0]) == (2, 3.0)
@@ -393,21 +393,21 @@ def test_a_move_with_a_turn_is_a_row_of_its_own_version_and_comes_back_as_it_was
         (lambda row: row.__setitem__(-35, 0.01), 'its turn does not start at 0'),
     ],
 )
-def test_a_spoilt_turn_is_refused(change, reason, machine):
+def test_a_spoilt_turn_is_rejected(change, reason, machine):
     row = corner(machine).plan.moves[0].to_array(0, 1)
     change(row)
     with pytest.raises(ProgramError, match=reason):
         Move.from_array(row)
 
 
-def test_a_plan_says_of_all_moves_where_the_tool_is_or_of_none(machine):
+def test_plan_defines_the_tool_angle_of_all_moves_or_of_none(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan.moves[0]
     plain = plan([{'move_l': {'to_m': THERE}}], machine).plan.moves[0]
     with pytest.raises(ProgramError, match='move 1 of the plan has 0 angles of the tool'):
         Plan.of([turning, plain])
 
 
-def test_in_a_longer_plan_the_tool_stands_where_one_half_says_nothing_of_it(machine):
+def test_tool_rests_in_the_half_of_a_longer_plan_that_does_not_define_it(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan
     plain = program_planner.plan(
         programs.parse({'moves': [{'move_l': {'to_m': START}}]}, machine.motion), THERE, machine
@@ -421,7 +421,7 @@ def test_in_a_longer_plan_the_tool_stands_where_one_half_says_nothing_of_it(mach
         assert before.end_turns_rad == after.start_turns_rad
 
 
-def test_moves_that_follow_with_the_tool_elsewhere_are_refused(machine):
+def test_moves_that_follow_with_the_tool_elsewhere_are_rejected(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan
     back = {'moves': [{'move_l': {'to_m': START, 'turn_deg': 0}}]}
     other = program_planner.plan(programs.parse(back, machine.motion), THERE, machine, turns_rad=(1.0,)).plan
@@ -496,7 +496,7 @@ def test_a_plan_of_several_axes_is_a_row_with_the_sizes_of_all_their_tables(wris
         check_turn(one, 1.0, wrist)
 
 
-def test_more_angles_than_rotary_axes_are_refused(wrist, machine, robot):
+def test_more_angles_than_rotary_axes_are_rejected(wrist, machine, robot):
     lacking = 'the robot has one (rotary_2.present is false)'
     assert lacking in refusal([{'turn': {'to_deg': [0, 10]}}], machine)
     assert lacking in refusal([{'turn': {'to_deg': 10}}], machine, start_turn_deg=[0, 10])

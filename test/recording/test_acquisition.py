@@ -1,4 +1,4 @@
-"""Facts about the acquisition of an oscilloscope: triggers, pre-trigger, modes, and samples that are lost."""
+"""Tests of the acquisition of an oscilloscope: triggers, pre-trigger, modes, and samples that are lost."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def test_an_event_soon_after_the_begin_has_less_before_it(robot):
     assert (record.first, record.trigger, len(record.values)) == (55, 5, 60)
 
 
-def test_normal_is_armed_again_behind_each_record_and_ends_after_as_many_as_were_asked_for(robot):
+def test_normal_trigger_rearms_and_ends_after_the_requested_records(robot):
     more = {'trigger': 'axis1.speed', 'level': 0.0, 'mode': 'normal', 'before': 10}
     records, acquisition = recorded(robot, 120, **more)
     triggers = [record.first + record.trigger for record in records]
@@ -104,7 +104,7 @@ def test_rolling_keeps_the_newest(robot):
     assert Acquisition(record.setting, records.append).newest() is None
 
 
-def test_what_the_end_cuts_short_is_a_record_and_an_event_that_never_came_is_none(robot):
+def test_truncated_record_is_kept_and_missing_event_is_not(robot):
     records, acquisition = recorded(robot, 500, last=100, trigger='axis1.speed', level=0.0)
     acquisition.finish()
     assert [(record.first, len(record.values)) for record in records] == [(50, 50)]
@@ -133,7 +133,7 @@ def test_samples_of_several_drives_are_put_together_by_their_numbers(robot):
     assert record.units == ('rad/s', 'V')
 
 
-def test_a_record_with_a_gap_is_refused_and_the_samples_are_counted(robot):
+def test_a_record_with_a_gap_is_rejected_and_the_samples_are_counted(robot):
     acquisition = Acquisition(of(robot, 500), [].append)
     feed(acquisition, 1, 100)
     with pytest.raises(RunError, match=r'^28 samples of axis1 were lost during a record'):
@@ -157,7 +157,7 @@ def test_a_gap_before_the_event_does_no_harm_unless_it_reaches_into_the_pre_trig
         assert acquisition.lost == begin - 100
 
 
-def test_a_bus_that_begins_anew_is_no_loss(robot):
+def test_new_bus_session_does_not_count_as_a_loss(robot):
     records = []
     acquisition = Acquisition(of(robot, 60, trigger='axis1.voltage', level=460.0), records.append)
     feed(acquisition, 400, 450)
@@ -186,7 +186,7 @@ def test_faults_and_programs_of_any_drive_that_is_shown_trigger(robot):
         ({'trigger': 'program'}, 'the start of a program'),
     ],
 )
-def test_a_trigger_says_what_it_waits_for(more, sentence, robot):
+def test_trigger_describes_its_condition(more, sentence, robot):
     assert of(robot, 10, **more).trigger.sentence == sentence
 
 
@@ -206,6 +206,6 @@ def test_a_trigger_says_what_it_waits_for(more, sentence, robot):
         ({'trigger': 'faults'}, "'faults' is not a valid channel"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_a_sentence(more, sentence, robot):
+def test_what_makes_no_sense_is_rejected_in_a_sentence(more, sentence, robot):
     with pytest.raises(ParameterError, match=sentence):
         of(robot, **{'samples': 10, **more})

@@ -1,4 +1,4 @@
-"""Facts about bags that are damaged, cut off, or never closed."""
+"""Tests of bags that are damaged, cut off, or never closed."""
 
 import json
 
@@ -55,7 +55,7 @@ def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
         lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
     ],
 )
-def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
+def test_complete_file_needs_no_separate_metadata(damage, tmp_path):
     bag = record(tmp_path / 'bag', messages())
     damage(bag / 'metadata.yaml')
     trace = trace_file.load(bag)
@@ -96,7 +96,7 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
         assert bag_trace.metadata(bag).get('cut', '') == ''
 
 
-def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_path, caplog, robot):
+def test_bag_without_metadata_uses_packaged_parameters_and_reports_it(tmp_path, caplog, robot):
     bag = record(tmp_path / 'bag', messages())
     (bag / 'metadata.yaml').unlink()
     content = (bag / 'bag.mcap').read_bytes()
@@ -112,7 +112,7 @@ def test_a_bag_without_any_metadata_borrows_what_is_packaged_and_says_so(tmp_pat
     np.testing.assert_allclose(trace['current'], RUN['current'][: len(trace.time_s)] * factor, rtol=1e-12)
 
 
-def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_says_so(tmp_path):
+def test_complete_file_without_recorder_metadata_uses_packaged_values_and_reports_it(tmp_path):
     bag = record(tmp_path / 'bag', messages(), meta=None)
     (bag / 'metadata.yaml').unlink()
     assert len(trace_file.load(bag).time_s) == CYCLES
@@ -121,7 +121,7 @@ def test_a_whole_file_without_the_metadata_of_its_recorder_borrows_as_well_and_s
     )
 
 
-def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
+def test_unclosed_bag_is_read(tmp_path, caplog):
     writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
     topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
     writer.begin()
@@ -136,7 +136,7 @@ def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
     assert f'{5 * len(TYPES)} messages are left' in caplog.text
 
 
-def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_path):
+def test_unclosed_bag_reports_incomplete_messages(tmp_path):
     writer = BagWriter(tmp_path / 'bag', {'delta3_pacdrive': json.dumps(META)})
     topics = {topic: writer.add_topic(f'/{topic}', kind, 10, False) for topic, kind in TYPES.items()}
     writer.begin()
@@ -151,7 +151,7 @@ def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_p
     )
 
 
-def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):
+def test_bag_whose_writer_stopped_is_read_and_reports_the_reason(tmp_path):
     custom = {'delta3_pacdrive': json.dumps(META), 'delta3_pacdrive_stopped': 'no space left on device'}
     bag = record(tmp_path / 'bag', messages())
     text = (bag / 'metadata.yaml').read_text(encoding='utf-8')

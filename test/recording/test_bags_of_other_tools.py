@@ -1,4 +1,4 @@
-"""Facts about bags of other tools: whatever is there is read, and a sentence names missing and assumed parts."""
+"""Tests of bags of other tools: whatever is there is read, and a sentence names missing and assumed parts."""
 
 import json
 import shutil
@@ -183,7 +183,7 @@ def test_a_bag_of_a_few_topics_holds_their_signals(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.db3', 'a.mcap.zstd'])
-def test_a_file_that_is_none_gets_one_sentence(name, tmp_path):
+def test_invalid_file_gets_one_sentence(name, tmp_path):
     (tmp_path / name).write_bytes(b'nothing of the kind' * 20)
     with pytest.raises(TraceError, match='it was cut off or is damaged') as caught:
         trace_file.load(tmp_path / name)

@@ -1,4 +1,4 @@
-"""Facts about files of records: what was recorded is read again in each form, and what is no record is refused."""
+"""Tests of files of records: what was recorded is read again in each form, and what is no record is refused."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
         ('a.txt', 'none', 'must end in .csv, .npz or .parquet'),
     ],
 )
-def test_what_is_no_record_is_refused(tmp_path, name, text, why):
+def test_invalid_record_is_rejected(tmp_path, name, text, why):
     (tmp_path / name).write_text(text)
     with pytest.raises(TraceError) as refusal:
         record_file.read(tmp_path / name)
@@ -74,7 +74,7 @@ def test_what_is_no_record_is_refused(tmp_path, name, text, why):
     assert why in str(refusal.value)
 
 
-def test_a_trace_and_a_file_that_is_not_there_are_no_records(tmp_path):
+def test_trace_and_missing_file_are_not_records(tmp_path):
     np.savez(tmp_path / 'trace.npz', time_s=np.zeros(1), meta='{}')
     with pytest.raises(TraceError, match='it has no units'):
         record_file.read(tmp_path / 'trace.npz')

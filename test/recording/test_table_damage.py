@@ -1,4 +1,4 @@
-"""Facts about tables that were damaged: whatever the bytes are, there is a trace or one sentence."""
+"""Tests of tables that were damaged: whatever the bytes are, there is a trace or one sentence."""
 
 import warnings
 

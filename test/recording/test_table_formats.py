@@ -1,4 +1,4 @@
-"""Facts about tables in Parquet and in MATLAB's format."""
+"""Tests of tables in Parquet and in MATLAB's format."""
 
 import sys
 
@@ -33,9 +33,7 @@ def columns(names=('time [ms]', 'tcp_command_x [mm]', 'tcp_command_y [mm]', 'tcp
     return dict(zip(names, [TIME, *TCP.T], strict=True))
 
 
-def test_a_trace_that_is_written_as_parquet_is_read_again_to_the_last_bit_with_what_it_tells(
-    pyarrow, tmp_path
-):
+def test_parquet_trace_is_restored_to_the_last_bit_with_its_metadata(pyarrow, tmp_path):
     from pyarrow import parquet
 
     signals = {
@@ -53,19 +51,19 @@ def test_a_trace_that_is_written_as_parquet_is_read_again_to_the_last_bit_with_w
         np.testing.assert_array_equal(found[name], values)
 
 
-def test_without_pyarrow_no_parquet_is_written_and_the_sentence_says_what_to_install(tmp_path, monkeypatch):
+def test_parquet_without_pyarrow_is_rejected_with_the_installation_command(tmp_path, monkeypatch):
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     with pytest.raises(TraceError, match=r'Parquet needs pyarrow: pip install'):
         trace_file.require_writable_trace(tmp_path / 'a.parquet')
 
 
-def test_parquet_tells_units_in_the_names_of_its_columns(pyarrow, tmp_path):
+def test_parquet_has_units_in_the_names_of_its_columns(pyarrow, tmp_path):
     trace = trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', columns()))
     np.testing.assert_allclose(trace.time_s, 1e-3 * TIME)
     np.testing.assert_allclose(trace['tcp_command'], 1e-3 * TCP)
 
 
-def test_parquet_tells_units_in_the_metadata_of_its_fields(pyarrow, tmp_path):
+def test_parquet_has_units_in_the_metadata_of_its_fields(pyarrow, tmp_path):
     names = ('time', 'tcp_command_x', 'tcp_command_y', 'tcp_command_z')
     path = write_parquet(
         pyarrow,
@@ -86,14 +84,14 @@ def test_whole_numbers_and_missing_ones_are_read_from_parquet_and_texts_left_out
 
 
 @pytest.mark.parametrize('content', [b'', b'PAR1' + bytes(100), bytes(range(256)) * 10])
-def test_what_is_no_parquet_gets_one_sentence(pyarrow, content, tmp_path):
+def test_invalid_parquet_file_gets_one_sentence(pyarrow, content, tmp_path):
     (tmp_path / 'a.parquet').write_bytes(content)
     with pytest.raises(TraceError, match=r'^cannot read trace .*a\.parquet: ') as caught:
         trace_file.load(tmp_path / 'a.parquet')
     assert '\n' not in str(caught.value)
 
 
-def test_a_date_is_no_time_of_a_run(pyarrow, tmp_path):
+def test_date_is_not_accepted_as_time_of_a_run(pyarrow, tmp_path):
     held = columns() | {
         'time [ms]': np.array(['2026-01-01', '2026-01-02', '2026-01-03'], dtype='datetime64[ms]')
     }
@@ -103,7 +101,7 @@ def test_a_date_is_no_time_of_a_run(pyarrow, tmp_path):
         trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', held))
 
 
-def test_where_pyarrow_is_missing_the_line_that_installs_it_is_told(tmp_path, monkeypatch):
+def test_missing_pyarrow_is_reported_with_its_installation_command(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'pyarrow.parquet', None)
     (tmp_path / 'a.parquet').write_bytes(b'PAR1')
     with pytest.raises(TraceError, match=r"pyarrow: pip install 'delta3_pacdrive\[parquet\]'$"):
@@ -119,7 +117,7 @@ def mat(path, variables, **options):
 
 @pytest.mark.parametrize('form', ['4', '5'])
 @pytest.mark.parametrize('tcp', [TCP, TCP.T], ids=['columns', 'rows'])
-def test_a_matlab_file_tells_units_at_the_ends_of_its_names(form, tcp, tmp_path):
+def test_matlab_file_has_units_at_the_ends_of_its_names(form, tcp, tmp_path):
     tcp = np.vstack([TCP, TCP[-1:] + 1.0]) if tcp is TCP else np.hstack([TCP.T, TCP.T[:, -1:] + 1.0])
     path = mat(tmp_path / 'a.mat', {'time_ms': np.arange(4.0), 'tcp_command_mm': tcp}, format=form)
     trace = trace_file.load(path)
@@ -127,7 +125,7 @@ def test_a_matlab_file_tells_units_at_the_ends_of_its_names(form, tcp, tmp_path)
     np.testing.assert_allclose(trace['tcp_command'][:3], 1e-3 * TCP)
 
 
-def test_columns_of_a_matlab_file_may_stand_alone(tmp_path):
+def test_columns_of_a_matlab_file_may_be_separate(tmp_path):
     variables = {'time_s': TIME, 'remark': 'three', 'mass_kg': 1.0}
     variables |= {f'arm_position_{n + 1}_deg': column for n, column in enumerate(TCP.T)}
     trace = trace_file.load(mat(tmp_path / 'a.mat', variables))
@@ -190,7 +188,7 @@ def test_a_matlab_file_of_version_7_3_is_read_as_others_are(rows, h5py, tmp_path
     assert list(trace.signals) == ['tcp_command']
 
 
-def test_where_h5py_is_missing_the_line_that_installs_it_is_told(h5py, tmp_path, monkeypatch):
+def test_missing_h5py_is_reported_with_its_installation_command(h5py, tmp_path, monkeypatch):
     path = mat_73(h5py, tmp_path / 'a.mat', {'time_s': TIME, 'tcp_command_m': TCP})
     monkeypatch.setitem(sys.modules, 'h5py', None)
     with pytest.raises(
@@ -207,12 +205,12 @@ def test_a_damaged_file_of_version_7_3_gets_one_sentence(h5py, tmp_path):
     assert '\n' not in str(caught.value)
 
 
-def test_variables_of_different_lengths_are_refused(tmp_path):
+def test_variables_of_different_lengths_are_rejected(tmp_path):
     path = mat(tmp_path / 'a.mat', {'time_s': np.arange(5.0), 'tcp_command_m': TCP})
     with pytest.raises(TraceError, match='of different lengths'):
         trace_file.load(path)
 
 
-def test_a_variable_without_a_unit_is_refused(tmp_path):
+def test_a_variable_without_a_unit_is_rejected(tmp_path):
     with pytest.raises(TraceError, match="column 'time' must have a unit"):
         trace_file.load(mat(tmp_path / 'a.mat', {'time': TIME, 'tcp_command_m': TCP}))

@@ -1,4 +1,4 @@
-"""Facts about trace files: a bag saved as one is the same recording, and damage is told."""
+"""Tests of trace files: a bag saved as one is the same recording, and damage is told."""
 
 import io
 import json
@@ -91,7 +91,7 @@ OTHER_FORMS = [
 
 
 @pytest.mark.parametrize(('content', 'expected'), OTHER_FORMS, ids=range(len(OTHER_FORMS)))
-def test_an_archive_of_another_form_is_no_trace(content, expected, tmp_path):
+def test_archive_of_another_form_is_not_a_trace(content, expected, tmp_path):
     path = tmp_path / 'run.npz'
     path.write_bytes(content)
     assert expected in refusal(path)

@@ -1,4 +1,4 @@
-"""Facts about CSV traces: every unit that is read means what it says, every column goes to its own signal."""
+"""Tests of CSV traces: every unit that is read means what it says, every column goes to its own signal."""
 
 import json
 import math
@@ -67,7 +67,7 @@ def test_times_are_seconds_or_milliseconds(unit, second, tmp_path):
     assert trace.time_s.tolist() == [0.0, 0.25]
 
 
-def test_columns_belong_to_their_axes_in_whatever_order_they_stand(tmp_path):
+def test_columns_belong_to_their_axes_in_any_order(tmp_path):
     columns = ('current_3 [A]', 'motor_speed_2 [rad/s]', 'time [s]', 'current_1 [mA]', 'motor_speed_1 [rpm]')
     header = ','.join([*columns, 'current_2 [A]', 'motor_speed_3 [deg/s]'])
     trace = trace_csv.read(write(tmp_path / 'a.csv', header, '3,20,0,1000,60,2,180', '6,40,1,2000,120,4,360'))
@@ -77,7 +77,7 @@ def test_columns_belong_to_their_axes_in_whatever_order_they_stand(tmp_path):
     )
 
 
-def test_a_column_that_stands_twice_is_refused(tmp_path):
+def test_repeated_column_is_rejected(tmp_path):
     header = 'time [s],current_1 [A],current_2 [A],current_3 [A],current_1 [mA]'
     with pytest.raises(TraceError, match='twice'):
         trace_csv.read(write(tmp_path / 'a.csv', header, '0,1,2,3,4'))
@@ -99,7 +99,7 @@ def written(path, **meta):
     )
 
 
-def test_a_short_comment_stands_in_the_file_and_everything_else_beside_it(tmp_path):
+def test_short_comment_is_in_the_file_and_the_remainder_next_to_it(tmp_path):
     path = written(tmp_path / 'run.csv')
     comment, header, *rows = path.read_text().splitlines()
     assert comment.startswith('# {"program": "ppp')
@@ -114,7 +114,7 @@ def test_a_short_comment_stands_in_the_file_and_everything_else_beside_it(tmp_pa
     assert trace_csv.read(path).meta == META
 
 
-def test_without_the_file_beside_it_a_table_has_its_numbers_and_what_its_comment_tells(tmp_path):
+def test_table_without_its_metadata_file_has_its_numbers_and_comment(tmp_path):
     path = written(tmp_path / 'run.csv')
     whole = trace_csv.read(path)
     (tmp_path / 'run.csv-metadata.json').unlink()
@@ -123,14 +123,14 @@ def test_without_the_file_beside_it_a_table_has_its_numbers_and_what_its_comment
     assert alone.meta == {'cycle_time_s': 1e-3, 'program': 'p' * 80, 'gear_ratio': 32.0, 'start_cycle': 4}
 
 
-def test_a_trace_of_which_the_comment_could_tell_nothing_says_where_the_rest_is(tmp_path):
+def test_trace_with_an_incomplete_comment_names_the_file_with_the_remainder(tmp_path):
     trace = Trace(np.array([0.0]), {'current': np.ones((1, 3))}, {'seed': 3})
     path = trace_csv.write(trace, tmp_path / 'run.csv')
     assert path.read_text().splitlines()[0] == '# {"metadata": "run.csv-metadata.json"}'
     assert trace_csv.read(path).meta == {'seed': 3}
 
 
-def test_a_file_beside_it_that_is_of_another_run_counts_for_nothing(tmp_path):
+def test_neighbour_file_of_another_run_is_ignored(tmp_path):
     path = written(tmp_path / 'run.csv')
     other = written(tmp_path / 'other.csv', start_cycle=5)
     (tmp_path / 'other.csv-metadata.json').replace(tmp_path / 'run.csv-metadata.json')
@@ -141,7 +141,7 @@ def test_a_file_beside_it_that_is_of_another_run_counts_for_nothing(tmp_path):
 @pytest.mark.parametrize(
     'text', ['', '[]', '{"notes": []}', '{"notes": [{"delta3_pacdrive": 3}]}', 'null', '\xff']
 )
-def test_a_damaged_file_beside_it_is_one_sentence(text, tmp_path):
+def test_damaged_neighbour_file_is_reported_in_one_sentence(text, tmp_path):
     path = written(tmp_path / 'run.csv')
     (tmp_path / 'run.csv-metadata.json').write_bytes(text.encode('latin-1'))
     with pytest.raises(

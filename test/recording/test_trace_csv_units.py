@@ -1,4 +1,4 @@
-"""Facts about units in CSV traces, and the one sentence that a bad trace gets."""
+"""Tests of units in CSV traces, and the one sentence that a bad trace gets."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': '
 
 
 @pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)
-def test_every_unit_is_what_it_says(unit, tmp_path):
+def test_every_unit_matches_its_name(unit, tmp_path):
     assert quantities.UNITS.keys() == ONE_UNIT_IN_SI.keys()
     signal = IN_UNITS[quantities.UNITS[unit][0]]
     suffixes = [suffix for suffix, _ in columns_of(signal, '')]

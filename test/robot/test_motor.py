@@ -1,4 +1,4 @@
-"""Facts about the servo motor (thesis 7.2, 8.2): winding, back-EMF, voltage, phase currents, friction."""
+"""Tests of the servo motor (thesis 7.2, 8.2): winding, back-EMF, voltage, phase currents, friction."""
 
 import math
 

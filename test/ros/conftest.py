@@ -1,4 +1,4 @@
-"""Facts about nodes in one process, over real DDS: the shared fixtures are those of ``support/robots.py``."""
+"""Tests of nodes in one process, over real DDS: the shared fixtures are those of ``support/robots.py``."""
 
 from robots import (  # noqa: F401  fixtures
     compiled,

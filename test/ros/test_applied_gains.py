@@ -46,14 +46,14 @@ def test_drives_in_torque_take_gains_and_get_back_what_they_had(cell: Cell, tmp_
     assert cell.task.progress().in_torque
 
 
-def test_a_drive_that_refuses_leaves_all_as_they_were(cell: Cell, tmp_path: Path) -> None:
+def test_a_drive_that_rejects_leaves_all_as_they_were(cell: Cell, tmp_path: Path) -> None:
     channel = DriveValues(cell.operator)
     with pytest.raises(TuningError, match=r'8503: P-0-0033: .*; all drives have their previous values'):
         applied.apply(GAINS | {'notch_1_frequency_hz': 5.0}, channel, '/', tmp_path)
     assert cell.values() == [DEFAULT] * 3
 
 
-def test_the_second_drive_refuses_and_the_first_one_gets_its_values_back(cell: Cell, tmp_path: Path) -> None:
+def test_the_second_drive_rejects_and_the_first_one_gets_its_values_back(cell: Cell, tmp_path: Path) -> None:
     class Refusing(DriveValues):
         def write(self, axis: str, idn: str, value: float) -> None:
             if axis == 'axis2':

@@ -1,4 +1,4 @@
-"""Facts about the cell as markers: things and parts lie where they are, and what is gone is taken away."""
+"""Tests of the cell as markers: things and parts lie where they are, and what is gone is taken away."""
 
 import math
 from dataclasses import replace
@@ -19,7 +19,7 @@ def named(markers: list[Marker]) -> dict[tuple[str, int], Marker]:
     return {(marker.ns, marker.id): marker for marker in markers}
 
 
-def test_a_belt_is_a_slab_below_its_surface_and_a_part_stands_on_it() -> None:
+def test_belt_is_drawn_as_a_slab_with_the_part_on_its_surface() -> None:
     markers = CellMarkers()
     belt, sensor = markers.still([BELT, SENSOR])
     (part,) = markers.parts(CellInstant((PART,)))
@@ -40,7 +40,7 @@ def test_what_is_gone_is_taken_away_once() -> None:
     assert [one.action for one in (*markers.still([BELT]), *markers.parts(None))] == [Marker.ADD]
 
 
-def test_every_marker_has_a_name_and_a_number_of_its_own_and_they_are_bounded() -> None:
+def test_every_marker_has_its_own_name_and_number_and_they_are_bounded() -> None:
     things = [replace(BELT, kind=kind) for kind in Kind]
     many = CellInstant(tuple(replace(PART, number=n) for n in range(PARTS_MAX + 50)))
     found = named([*CellMarkers().still(things), *(parts := CellMarkers().parts(many))])

@@ -189,7 +189,7 @@ def test_after_a_fault_no_drive_is_enabled_by_request(graph: Any) -> None:
     assert response.message.startswith('not after a fault: axis3 reports a fault')
 
 
-def test_after_a_reset_the_robot_is_ready_where_it_stands(graph: Any) -> None:
+def test_robot_is_ready_at_its_position_after_a_reset(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
     cell.drives[1].drive.state['encoder_broken'] = 1
@@ -226,7 +226,7 @@ def test_a_reset_after_an_emergency_stop_and_one_without_a_fault(graph: Any) -> 
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the reset')
 
 
-def test_every_drive_tells_its_state_by_sercos_names(graph: Any) -> None:
+def test_every_drive_reports_its_state_by_sercos_names(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
     cell = Cell(graph)
     names = {node.get_fully_qualified_name() for node in cell.drives}

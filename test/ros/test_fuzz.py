@@ -219,7 +219,7 @@ orders = st.lists(st.one_of(st.integers(-2, 5).map(float), anything), max_size=8
 
 
 @pytest.mark.parametrize('kind', GOOD)
-def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_robot(
+def test_plan_or_motion_profile_of_another_publisher_neither_kills_the_task_nor_moves_the_robot(
     kind: str, robot: Any, graph: Any
 ) -> None:
     plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)

@@ -1,4 +1,4 @@
-"""Facts about the layouts for RViz, Foxglove and PlotJuggler: what they show is what the robot publishes."""
+"""Tests of the layouts for RViz, Foxglove and PlotJuggler: what they show is what the robot publishes."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Facts about kernels: whatever a bus cycle calls was loaded before the nodes began."""
+"""Tests of kernels: whatever a bus cycle calls was loaded before the nodes began."""
 
 from pathlib import Path
 
@@ -57,5 +57,5 @@ def test_no_kernel_is_loaded_in_a_bus_cycle(kind: str, prepare: str) -> None:
     assert late(kind, prepare) == '[]'
 
 
-def test_kernels_that_nobody_has_loaded_are_loaded_in_a_bus_cycle() -> None:
+def test_unloaded_kernels_are_loaded_in_a_bus_cycle() -> None:
     assert 'task_cycle.command_cycle' in late('')  # else the test would see nothing

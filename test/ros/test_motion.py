@@ -89,7 +89,7 @@ def assert_smooth(path: np.ndarray, factor: float = 1.0) -> None:
     assert jerk.max() <= jerk_max * factor**3 * (1 + 1e-2)
 
 
-def test_a_held_program_stands_on_its_line_and_goes_on_to_its_end(cell: Cell) -> None:
+def test_held_program_rests_on_its_line_and_continues_to_its_end(cell: Cell) -> None:
     cell.start(LONG)
     cell.reach(0.3)
     assert 'stops from bus cycle' in cell.operator.call('hold')
@@ -112,7 +112,7 @@ def test_a_held_program_stands_on_its_line_and_goes_on_to_its_end(cell: Cell) ->
     assert [profile[3] for profile in profiles] == [0.0, 1.0, 0.0]  # start, held, resumed
 
 
-def test_override_changes_the_speed_on_the_way_without_leaving_the_path(cell: Cell) -> None:
+def test_override_changes_the_speed_without_leaving_the_path(cell: Cell) -> None:
     cell.start(LONG)
     for share, percent in ((0.15, 50.0), (0.35, 150.0), (0.6, 100.0)):
         cell.reach(share)
@@ -128,7 +128,7 @@ def test_override_changes_the_speed_on_the_way_without_leaving_the_path(cell: Ce
     assert speeds.max() < 0.3 + 1e-6
 
 
-def test_an_aborted_program_is_forgotten_and_the_next_one_starts_where_the_robot_stands(cell: Cell) -> None:
+def test_aborted_program_is_cleared_and_the_next_one_starts_at_the_position_of_the_robot(cell: Cell) -> None:
     cell.start(LONG)
     cell.reach(0.2)
     cell.operator.call('abort')
@@ -162,7 +162,7 @@ def test_outputs_and_payload_change_in_the_cycle_in_which_the_master_passes_thei
     assert cell.outputs[-1].position[:3].tolist() == [1.0, 0.0, 1.0]
 
 
-def test_moves_come_as_messages_of_standard_types(cell: Cell) -> None:
+def test_moves_are_accepted_as_messages_of_standard_types(cell: Cell) -> None:
     def pose(x: float, y: float, z: float) -> PoseStamped:
         made = PoseStamped()
         made.pose.position.x, made.pose.position.y, made.pose.position.z = x, y, z
@@ -252,12 +252,12 @@ def test_a_bad_move_leaves_the_queue_as_it_was(cell: Cell) -> None:
     assert cell.task.progress().moves == 1
 
 
-def test_an_override_out_of_range_is_refused(cell: Cell) -> None:
+def test_an_override_out_of_range_is_rejected(cell: Cell) -> None:
     for percent in (0.0, 0.5, 151.0, -20.0, math.nan, math.inf):
         assert 'must be between 1 and 150' in refusal(cell, partial(cell.operator.override, percent)), percent
 
 
-def test_a_point_in_another_frame_is_refused(cell: Cell) -> None:
+def test_a_point_in_another_frame_is_rejected(cell: Cell) -> None:
     publisher = cell.graph.listener.create_publisher(PointStamped, 'unit_robot/move_l', REQUEST)
     cell.graph.spin_until(publisher.get_subscription_count, 'the planner')
     stranger = PointStamped()
@@ -268,7 +268,7 @@ def test_a_point_in_another_frame_is_refused(cell: Cell) -> None:
     assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
 
 
-def test_a_path_with_a_pose_in_another_frame_is_refused(cell: Cell) -> None:
+def test_a_path_with_a_pose_in_another_frame_is_rejected(cell: Cell) -> None:
     publisher = cell.graph.listener.create_publisher(Path, 'unit_robot/move_c', REQUEST)
     cell.graph.spin_until(publisher.get_subscription_count, 'the planner')
     stranger = Path(poses=[PoseStamped(), PoseStamped()])
@@ -279,7 +279,7 @@ def test_a_path_with_a_pose_in_another_frame_is_refused(cell: Cell) -> None:
     assert cell.answers[-1].data == 'refused: frame_id is \'world\', but must be "base"'
 
 
-def test_who_joins_late_gets_the_plan_that_is_driven(cell: Cell) -> None:
+def test_late_subscriber_gets_the_active_plan(cell: Cell) -> None:
     cell.start(LONG)
     rows = cell.graph.listen(Float64MultiArray, 'motion/plan', PLAN_LATECOMER)
     cell.graph.spin_until(lambda: len(rows) == 2, 'the line and the order of it')
@@ -288,7 +288,7 @@ def test_who_joins_late_gets_the_plan_that_is_driven(cell: Cell) -> None:
     assert cell.operator.state == 'moving'
 
 
-def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cell) -> None:
+def test_damaged_plans_and_motion_profiles_of_another_publisher_move_nothing(cell: Cell) -> None:
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     plan = cell.graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN)
     change = cell.graph.listener.create_publisher(Float64MultiArray, 'motion/change', PLAN)
@@ -343,7 +343,7 @@ def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cel
     cell.wait_for('idle')
 
 
-def test_a_path_whose_pose_turns_the_plate_is_refused(cell: Cell) -> None:
+def test_a_path_whose_pose_turns_the_plate_is_rejected(cell: Cell) -> None:
     publisher = cell.graph.listener.create_publisher(Path, 'unit_robot/move_sb', REQUEST)
     cell.graph.spin_until(publisher.get_subscription_count, 'the planner')
     turned = Path(poses=[PoseStamped()])
@@ -355,7 +355,7 @@ def test_a_path_whose_pose_turns_the_plate_is_refused(cell: Cell) -> None:
     assert cell.answers[-1].data == 'refused: poses[0] has an orientation, but the plate cannot rotate'
 
 
-def test_progress_tells_state_move_master_and_remaining_time(cell: Cell) -> None:
+def test_progress_reports_state_move_master_and_remaining_time(cell: Cell) -> None:
     texts = cell.graph.listen(String, 'motion/progress')
     cell.start(LONG)
     cell.reach(0.5)

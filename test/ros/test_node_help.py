@@ -1,4 +1,4 @@
-"""Facts about the command line of a node: its help comes from the tables, and a stray word starts nothing."""
+"""Tests of the command line of a node: its help comes from the tables, and a stray word starts nothing."""
 
 import os
 import subprocess

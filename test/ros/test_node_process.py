@@ -1,4 +1,4 @@
-"""Facts about the process of a node."""
+"""Tests of the process of a node."""
 
 import json
 import signal
@@ -68,7 +68,7 @@ node_process.run([], [])
 """
 
 
-def test_a_node_that_cannot_leave_the_graph_tells_where_it_stands_and_ends() -> None:
+def test_node_that_cannot_leave_the_graph_reports_its_stack_and_ends() -> None:
     done = subprocess.run(
         [sys.executable, '-P', '-c', STUCK], capture_output=True, text=True, timeout=120.0, check=False
     )
@@ -106,7 +106,7 @@ raise SystemExit(node_process.run(factories, []))
 """
 
 
-def test_a_node_that_hears_nobody_joins_the_domain_anew_until_it_hears_its_partner(graph: object) -> None:
+def test_node_that_receives_nothing_rejoins_the_domain_until_it_finds_its_partner(graph: object) -> None:
     process = subprocess.Popen(
         [sys.executable, '-P', '-c', DEAF, '1'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

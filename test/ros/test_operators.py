@@ -78,7 +78,7 @@ class Prompt(OperatorNode):
         self.hears(String(data=reply.to_json()))
 
 
-def test_a_reply_that_comes_at_once_is_not_lost(graph: Any) -> None:
+def test_immediate_reply_is_not_lost(graph: Any) -> None:
     operator = graph.add(Prompt, graph.spin_for)
     operator.progress = MotionProgress(session='5e55')
     assert operator.ask('control', 'release') == 'here it is'
@@ -101,7 +101,7 @@ def test_each_operator_gets_his_own_answers(cell: Cell, graph: Any) -> None:
     assert [m['accepted'] for m in mine if m['done']] == [False] * refused
 
 
-def test_who_has_control_is_named_to_whoever_has_not(cell: Cell, graph: Any) -> None:
+def test_rejected_clients_learn_the_name_of_the_controlling_one(cell: Cell, graph: Any) -> None:
     names = graph.listen(String, 'control/operator', LATCHED)
     cell.anna.take_control('Anna')
     for attempt in (
@@ -145,7 +145,7 @@ def test_reading_and_stopping_are_free_for_all(cell: Cell, graph: Any) -> None:
     assert cell.bert.drive('axis1 read S-0-0104').startswith('axis1')
 
 
-def test_an_operator_who_falls_silent_leaves_the_robot_standing_on_its_path(cell: Cell, graph: Any) -> None:
+def test_silent_operator_leaves_the_robot_at_rest_on_its_path(cell: Cell, graph: Any) -> None:
     commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
     names = graph.listen(String, 'control/operator', LATCHED)
     cell.anna.take_control('Anna')
@@ -160,9 +160,7 @@ def test_an_operator_who_falls_silent_leaves_the_robot_standing_on_its_path(cell
     graph.spin_until(lambda: cell.bert.state == 'moving', 'the motion')
 
 
-def test_control_that_is_taken_over_is_lost_with_the_queue_and_the_motion_goes_on(
-    cell: Cell, graph: Any
-) -> None:
+def test_taken_control_clears_the_queue_and_the_motion_continues(cell: Cell, graph: Any) -> None:
     cell.anna.take_control('Anna')
     cell.move()
     cell.bert.take_control('Bert', by_force=True)
@@ -193,7 +191,7 @@ def test_a_start_is_answered_when_the_master_has_taken_it(cell: Cell, graph: Any
     assert json.loads(verdicts[-1].data)['accepted']
 
 
-def test_a_request_that_nobody_waits_for_any_more_is_withdrawn(cell: Cell, graph: Any) -> None:
+def test_request_without_a_waiting_client_is_cancelled(cell: Cell, graph: Any) -> None:
     moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(400))
     calls = 0
 
@@ -247,7 +245,7 @@ def test_a_request_that_is_made_again_is_answered_again_and_not_done_again(cell:
     assert first == second
 
 
-def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell: Cell, graph: Any) -> None:
+def test_request_for_another_receiver_is_rejected_and_not_executed(cell: Cell, graph: Any) -> None:
     (reply,) = asked_as_anna(cell, graph, 'control', 'ffff', DISABLE, '', 1)
     assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     (reply,) = asked_as_anna(cell, graph, 'unit_robot', 'deadbeef', 'program', POSSIBLE, 1)
@@ -256,7 +254,7 @@ def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell:
     assert cell.bert.queue.moves == 0
 
 
-def test_a_planner_that_has_said_who_it_is_before_it_refuses_is_asked_again(graph: Any) -> None:
+def test_planner_that_announced_itself_before_rejecting_is_asked_again(graph: Any) -> None:
     before, after = (QueueReport(identity, 0, 0.0, 1.0, '') for identity in ('before', 'after'))
     queue = graph.listener.create_publisher(String, 'unit_robot/queue', LATCHED)
     reply = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
@@ -286,9 +284,7 @@ def test_a_planner_that_has_said_who_it_is_before_it_refuses_is_asked_again(grap
     assert [request.receiver for request in asked] == ['before', 'after']
 
 
-def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this_one(
-    cell: Cell, graph: Any
-) -> None:
+def test_reply_to_an_earlier_request_or_another_operator_is_ignored(cell: Cell, graph: Any) -> None:
     cell.anna.send_program(POSSIBLE)
     cell.anna.call('clear')
     stranger = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
@@ -307,7 +303,7 @@ def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this
 
 
 @pytest.mark.long
-def test_planning_that_takes_long_tells_how_far_it_is(cell: Cell) -> None:
+def test_long_planning_reports_its_progress(cell: Cell) -> None:
     shown: list[str] = []
     cell.anna.show = shown.append
     moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(1000))
@@ -359,7 +355,7 @@ def test_megabytes_on_a_topic_stop_nothing(cell: Cell, graph: Any) -> None:
         assert (facts.state, facts.fault) == ('moving', ''), topic
 
 
-def test_a_large_document_is_parsed_beside_the_thread_that_must_answer(cell: Cell, graph: Any) -> None:
+def test_large_document_is_parsed_outside_the_replying_thread(cell: Cell, graph: Any) -> None:
     cell.anna.send_program(POSSIBLE)
     document = 'moves: [' + ', '.join('{dwell: {time_s: 0.1}}' for _ in range(2_000)) + ']'
     publisher = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)

@@ -1,4 +1,4 @@
-"""Facts about the cell of a plant node by topic: inputs that are set, and not by a bag; poses of parts in pictures."""
+"""Tests of the cell of a plant node by topic: inputs that are set, and not by a bag; poses of parts in pictures."""
 
 from dataclasses import replace
 from itertools import count
@@ -80,9 +80,7 @@ def test_an_input_that_is_set_by_a_topic_counts_until_it_is_left_to_itself(graph
     graph.spin_until(lambda: told({}), 'its own value')
 
 
-def test_what_comes_by_topic_while_a_bag_is_played_back_is_refused_and_the_service_goes_on(
-    graph: Any, plant: Plant
-) -> None:
+def test_topic_commands_during_playback_are_rejected_and_services_continue(graph: Any, plant: Plant) -> None:
     refused: list[str] = []
     plant.node.get_logger().error = refused.append
     serials = count(1)

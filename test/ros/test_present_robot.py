@@ -1,4 +1,4 @@
-"""Facts about clients of a robot while a recording is played back: they believe the session of the robot that is up."""
+"""Tests of clients of a robot while a recording is played back: they believe the session of the robot that is up."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -82,7 +82,7 @@ def test_a_robot_that_is_alone_is_believed_at_once(clock: Clock) -> None:
     assert present.session == LIVE
 
 
-def test_a_recording_that_is_heard_first_waits_for_the_heartbeat_of_the_planner(clock: Clock) -> None:
+def test_early_recording_waits_for_the_heartbeat_of_the_planner(clock: Clock) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
     assert not present.accepts(report(PLAYED))
@@ -100,7 +100,7 @@ def test_a_recording_without_a_robot_is_taken_after_a_second(clock: Clock) -> No
     assert present.accepts(report(PLAYED))
 
 
-def test_the_session_that_was_heard_first_counts_without_heartbeats_until_it_is_silent(clock: Clock) -> None:
+def test_first_session_counts_without_heartbeats_until_it_is_silent(clock: Clock) -> None:
     graph = Graph('transformation_task')
     present = PresentRobot(graph)
     assert present.accepts(report(LIVE))
@@ -114,7 +114,7 @@ def test_the_session_that_was_heard_first_counts_without_heartbeats_until_it_is_
     assert present.accepts(report(PLAYED))
 
 
-def test_a_client_that_was_held_up_goes_on_with_the_robot_and_not_with_the_recording(clock: Clock) -> None:
+def test_delayed_client_continues_with_the_robot_and_not_with_the_recording(clock: Clock) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
     beat(graph, LIVE)
@@ -126,7 +126,7 @@ def test_a_client_that_was_held_up_goes_on_with_the_robot_and_not_with_the_recor
 
 
 @pytest.mark.parametrize('first', [LIVE, PLAYED])
-def test_heartbeats_in_a_bag_do_not_count_whichever_comes_first(clock: Clock, first: str) -> None:
+def test_heartbeats_in_a_bag_are_ignored_in_any_order(clock: Clock, first: str) -> None:
     """A bag of "ros2 bag record -a" names a publisher that this graph does not have."""
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
@@ -145,7 +145,7 @@ def test_heartbeats_in_a_bag_do_not_count_whichever_comes_first(clock: Clock, fi
     assert present.accepts(report(LIVE))
 
 
-def test_the_planner_that_is_known_counts_before_another_one_until_it_is_silent(clock: Clock) -> None:
+def test_known_planner_has_priority_until_it_is_silent(clock: Clock) -> None:
     graph = Graph('transformation_task')
     graph.planners |= {'second'}
     present = PresentRobot(graph)
@@ -168,7 +168,7 @@ def test_a_new_session_of_the_robot_counts_as_soon_as_its_planner_is_in_it(clock
     assert not present.accepts(report(PLAYED))
 
 
-def test_heartbeats_of_another_planner_and_of_none_count_only_if_the_known_one_is_silent(
+def test_heartbeats_of_other_planners_count_only_if_the_known_one_is_silent(
     clock: Clock,
 ) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
@@ -263,7 +263,7 @@ def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
 
 
 @pytest.mark.parametrize('was_heard', [False, True])
-def test_a_client_joins_anew_if_a_robot_is_up_but_not_heard(clock: Clock, was_heard: bool) -> None:
+def test_client_joins_again_if_a_robot_is_up_but_not_received(clock: Clock, was_heard: bool) -> None:
     graph, process, said = Graph('transformation_task'), Joined(), []
     watch = RobotWatch(graph, said.append, 0.1, process)
     if was_heard:  # and its publishers are lost
@@ -279,7 +279,7 @@ def test_a_client_joins_anew_if_a_robot_is_up_but_not_heard(clock: Clock, was_he
     assert said == ['no message from transformation_task for 20 s: rejoining the domain']
 
 
-def test_a_client_waits_for_a_robot_in_peace_and_does_not_leave_one_that_it_hears(clock: Clock) -> None:
+def test_client_waits_for_a_robot_without_rejoining_while_it_receives_messages(clock: Clock) -> None:
     graph, process = Graph(), Joined()
     waiting, hearing = (RobotWatch(graph, print, 0.1, process) for _ in range(2))
     for _ in range(1000):

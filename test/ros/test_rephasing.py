@@ -83,7 +83,7 @@ def cell(graph: Any) -> Cell:
     return Cell(graph)
 
 
-def test_a_drive_that_dies_stops_the_others_on_their_path_and_comes_back(cell: Cell, graph: Any) -> None:
+def test_dead_drive_stops_the_others_on_their_path_and_may_return(cell: Cell, graph: Any) -> None:
     cell.move()
     cell.take_away(cell.drive(2))
     graph.spin_until(lambda: cell.task.progress().fault, 'the fault', BOUND_S)
@@ -115,7 +115,7 @@ def test_a_master_that_dies_leaves_drives_that_stop_by_themselves(cell: Cell, gr
     assert (np.diff(cell.stamps()) > 0).all()
 
 
-def test_a_plant_that_dies_takes_the_torque_off_and_a_new_one_stands_at_home(cell: Cell, graph: Any) -> None:
+def test_dead_plant_removes_the_torque_and_a_new_one_is_at_home(cell: Cell, graph: Any) -> None:
     cell.move()
     (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
     cell.take_away(plant)
@@ -129,7 +129,7 @@ def test_a_plant_that_dies_takes_the_torque_off_and_a_new_one_stands_at_home(cel
     assert cell.task.progress().cycles > 200
 
 
-def test_after_a_partner_was_lost_nothing_is_enabled_by_itself(cell: Cell, graph: Any) -> None:
+def test_nothing_is_enabled_automatically_after_a_lost_partner(cell: Cell, graph: Any) -> None:
     cell.take_away(cell.drive(1))
     graph.add(MC4DriveNode, axis=1, **ON_REQUEST)
     graph.spin_until(lambda: cell.task.progress().phase == 'CP0', 'CP0', BOUND_S)
@@ -153,7 +153,7 @@ def test_a_new_master_of_a_robot_that_was_disabled_leaves_it_so(cell: Cell, grap
     assert not task.progress().in_torque
 
 
-def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> None:
+def test_second_master_waits_and_the_robot_continues(cell: Cell, graph: Any) -> None:
     cell.move()
     second = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
     graph.spin_until(lambda: 'has 2 writers' in second.progress().waiting, 'the sentence')
@@ -190,7 +190,7 @@ def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell:
     assert all(cell.drive(axis).report.facts()['refused_telegrams'] > 0 for axis in (1, 2, 3))
 
 
-def test_a_stranger_that_announces_phases_is_not_obeyed(cell: Cell, graph: Any) -> None:
+def test_phases_of_another_master_are_ignored(cell: Cell, graph: Any) -> None:
     stranger = graph.listener.create_publisher(Header, 'sercos/phase', LATCHED)
     graph.spin_until(lambda: stranger.get_subscription_count() >= 4, 'listeners')
     cell.move()
@@ -302,7 +302,7 @@ def test_a_drive_that_dies_before_cyclic_operation_is_named_when_it_begins(graph
     assert task.progress().state == 'error'
 
 
-def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: Any) -> None:
+def test_drive_that_returns_before_cyclic_operation_costs_nothing(graph: Any) -> None:
     task = prepared(graph)
     graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
     answers = graph.listen(JointState, 'sercos/at/axis3', CYCLIC_PUBLISHER)
@@ -327,7 +327,7 @@ def named(progress: dict[str, Any], partner: str) -> bool:
 
 @pytest.mark.parametrize('partner', some(['axis2', 'plant'], ['axis2']))
 @pytest.mark.parametrize('phase', some([Phase.CP1, Phase.CP2, Phase.CP3], [Phase.CP2]))
-def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_back(
+def test_partner_that_dies_during_start_up_is_named_and_may_return(
     phase: Phase, partner: str, graph: Any
 ) -> None:
     task = graph.robot(**ON_REQUEST)
@@ -349,7 +349,7 @@ def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_
 
 
 @pytest.mark.long
-def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None:
+def test_cp0_lasts_until_a_lost_partner_has_returned(graph: Any) -> None:
     task = prepared(graph)
     phases = graph.listen(Header, 'sercos/phase', LATCHED)
     (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
@@ -408,7 +408,7 @@ def test_a_planner_may_die_while_nothing_moves(cell: Cell, graph: Any) -> None:
     assert progress.cycles > cycles
 
 
-def test_partners_answer_a_master_that_comes_in_place_of_another_before_cyclic_operation(graph: Any) -> None:
+def test_partners_answer_a_replacing_master_before_cyclic_operation(graph: Any) -> None:
     task = prepared(graph)
     graph.remove(task)
     task = graph.add(TransformationTaskNode, real_time_factor=0.0)

@@ -68,7 +68,7 @@ def test_a_move_is_driven_and_its_id_is_followed_to_the_end(cell: Cell) -> None:
     assert (states[:2], states[-1]) == (['planning', 'queued'], 'done')
 
 
-def test_each_refusal_has_an_id_a_code_and_a_sentence_of_its_own(cell: Cell) -> None:
+def test_each_rejection_has_its_id_code_and_sentence(cell: Cell) -> None:
     refused = [cell.move('move_l: {to_m: [0.0, 0.0, -8.0]}'), cell.move(''), cell.move('[' * 60)]
     assert not any(accepted for accepted, _ in refused)
     assert [answer['code'] for _, answer in refused] == ['content'] * 3
@@ -78,7 +78,7 @@ def test_each_refusal_has_an_id_a_code_and_a_sentence_of_its_own(cell: Cell) -> 
     assert cell.move(LINE)[0]
 
 
-def test_who_has_control_keeps_others_out(cell: Cell) -> None:
+def test_controlling_client_excludes_others(cell: Cell) -> None:
     cell.operator.take_control('somebody')
     accepted, answer = cell.move(LINE)
     assert (accepted, answer['code']) == (False, 'control')
@@ -225,7 +225,7 @@ def test_a_request_that_is_not_waited_for_leaves_no_moves(cause: type[BaseExcept
         ('control', '', '; "enable" may still be executed'),
     ],
 )
-def test_the_error_of_a_request_without_an_answer_says_whether_it_may_still_be_carried_out(
+def test_error_of_an_unanswered_request_says_if_it_may_still_be_executed(
     whom: str, answer: str, says: str, graph: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_client, 'PATIENCE_S', 0.3)
@@ -250,7 +250,7 @@ def test_the_error_of_a_request_without_an_answer_says_whether_it_may_still_be_c
     assert str(error.value).endswith(f'is a robot up in namespace /?{says}')
 
 
-def test_a_request_that_is_too_large_is_refused_before_it_is_sent(cell: Cell) -> None:
+def test_a_request_that_is_too_large_is_rejected_before_it_is_sent(cell: Cell) -> None:
     from delta3_pacdrive.errors import ProgramError
 
     with pytest.raises(ProgramError, match=r'the request has 21\d+ bytes, the limit is 2097152'):

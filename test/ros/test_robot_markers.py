@@ -1,4 +1,4 @@
-"""Facts about the markers themselves: what a line of the error says, what is shown of long paths and of no place."""
+"""Tests of the markers themselves: what a line of the error says, what is shown of long paths and of no place."""
 
 import math
 
@@ -54,7 +54,7 @@ def test_the_tool_of_a_rotary_axis_is_turned_and_nothing_else(markers: RobotMark
     assert {marker.ns for marker in turning.still()} - {marker.ns for marker in markers.still()} == {'motor4'}
 
 
-def test_every_marker_has_a_name_and_a_number_of_its_own(markers: RobotMarkers) -> None:
+def test_every_marker_has_its_own_name_and_number(markers: RobotMarkers) -> None:
     theta = kinematics.inverse(HOME, ROBOT)
     everything = [
         *markers.still(),
@@ -69,7 +69,7 @@ def test_every_marker_has_a_name_and_a_number_of_its_own(markers: RobotMarkers) 
         assert np.linalg.norm([q.x, q.y, q.z, q.w]) == pytest.approx(1.0)
 
 
-def test_a_path_of_one_point_is_none_and_a_long_one_loses_its_beginning(markers: RobotMarkers) -> None:
+def test_path_of_one_point_is_empty_and_long_path_loses_its_beginning(markers: RobotMarkers) -> None:
     markers.travel(HOME)
     assert markers.travelled()[0].action == Marker.DELETE
     for step in range(POINTS_MAX + 10):

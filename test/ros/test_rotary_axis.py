@@ -1,4 +1,4 @@
-"""Facts about a robot with a rotary axis on the running graph: its fourth drive, its turns, and what is refused."""
+"""Tests of a robot with a rotary axis on the running graph: its fourth drive, its turns, and what is refused."""
 
 import math
 from typing import Any
@@ -154,7 +154,7 @@ def test_markers_and_page_show_the_sum_of_the_angles_of_all_rotary_axes(
         assert turn.true_rad is None
 
 
-def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_refused(graph: Any) -> None:
+def test_robot_without_a_rotary_axis_reports_no_fourth_drive_and_rejects_rotations(graph: Any) -> None:
     cell = Cell(graph, rotary=False)
     for messages in (cell.mdt, cell.shafts):
         assert {tuple(message.name) for message in messages} == {DRIVES}
@@ -192,7 +192,7 @@ def test_a_fourth_drive_that_dies_stops_the_robot_on_its_path_and_is_named(graph
     assert stays_on_the_line(cell)
 
 
-def test_a_fault_of_the_fourth_drive_is_injected_told_with_its_cause_and_cleared(graph: Any) -> None:
+def test_fault_of_the_fourth_drive_is_injected_reported_and_cleared(graph: Any) -> None:
     cell = Cell(graph)
     cell.move()
     request = AddDiagnostics.Request(load_namespace='{fault: encoder_failure, axis: axis4}')
@@ -228,7 +228,7 @@ def test_values_of_the_fourth_drive_are_its_own_by_idn_and_as_ros_parameters(gra
     assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
 
 
-def test_a_foreign_telegram_of_another_number_of_axes_is_refused_and_changes_nothing(graph: Any) -> None:
+def test_telegram_with_another_number_of_axes_is_rejected_and_changes_nothing(graph: Any) -> None:
     cell = Cell(graph)
     drive = cell.drives[3]
     stranger = graph.listener.create_publisher(JointState, 'sercos/mdt', 50)

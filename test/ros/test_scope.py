@@ -81,7 +81,7 @@ def test_samples_of_a_rotary_axis_are_those_of_the_simulation(graph: Any) -> Non
     assert np.ptp(found.values[:, 3]) > 0.0
 
 
-def test_a_rotary_axis_that_is_not_there_is_refused_by_the_other_drives(graph: Any) -> None:
+def test_a_rotary_axis_that_is_not_there_is_rejected_by_the_other_drives(graph: Any) -> None:
     graph.robot()
     for channels in (['axis4.current'], ['axis1.current', 'axis4.current']):
         with pytest.raises(ProgramError, match=r'^the robot has no axis4 for a rotary axis'):
@@ -104,7 +104,7 @@ def test_a_value_that_is_written_triggers_and_is_shown_from_its_bus_cycle_on(gra
     assert (record.first + record.trigger) % 16 == 1  # the first sample of a bus cycle
 
 
-def test_a_second_oscilloscope_is_refused_by_the_name_of_the_first_until_that_parts(graph: Any) -> None:
+def test_a_second_oscilloscope_is_rejected_by_the_name_of_the_first_until_that_parts(graph: Any) -> None:
     graph.robot()
     first = Scope(graph, ['axis1.speed'], trigger='axis1.fault')
     first.client.arm(PATIENCE_S)
@@ -115,7 +115,7 @@ def test_a_second_oscilloscope_is_refused_by_the_name_of_the_first_until_that_pa
     assert len(Scope(graph, ['axis1.current']).record().values) == 1600
 
 
-def test_who_asks_no_more_is_given_up(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_client_that_stops_asking_is_dropped(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     graph.robot()
     lost = Scope(graph, ['axis1.speed'], trigger='axis1.fault')
     lost.client.arm(PATIENCE_S)
@@ -127,9 +127,7 @@ def test_who_asks_no_more_is_given_up(graph: Any, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.timeout(120)  # who waits for ever is told apart
-def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
-    graph: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_trigger_and_ending_robot_are_reported(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     graph.robot()
     with pytest.raises(
         RunError, match=r'^the trigger did not fire: a fault of a drive was awaited for 0\.3 s$'
@@ -145,7 +143,7 @@ def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
         scope.client.follow(acquisition, PATIENCE_S)
 
 
-def test_there_is_no_robot(graph: Any) -> None:
+def test_missing_robot_is_reported(graph: Any) -> None:
     with pytest.raises(RunError, match=r'^no drives with an oscilloscope within 0\.2 s: is a robot up'):
         Scope(graph, ['axis1.speed']).record(0.2)
 
@@ -166,9 +164,7 @@ def test_there_is_no_robot(graph: Any) -> None:
         ({'channels': {'axis1': ['sped']}}, "a drive has no channel 'sped': did you mean speed?"),
     ],
 )
-def test_what_is_no_request_is_refused_and_harms_nobody(
-    request_: Any, refusal: str | None, graph: Any
-) -> None:
+def test_invalid_request_is_rejected_without_harm(request_: Any, refusal: str | None, graph: Any) -> None:
     task = graph.robot()
     answers = graph.listen(String, 'scope/answer', REQUEST)
     asking = graph.listener.create_publisher(String, 'scope/request', REQUEST)

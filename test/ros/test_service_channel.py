@@ -65,7 +65,7 @@ def test_an_access_takes_about_ten_cycles_and_its_words_are_in_the_telegrams(cel
     assert {m.header.frame_id.split()[4] for m in cell.telegrams} == {'0000'}
 
 
-def test_actual_values_come_from_the_drive(cell: Cell) -> None:
+def test_actual_values_are_those_of_the_drive(cell: Cell) -> None:
     text = cell.operator.drive('axis1 read S-0-0051')
     value = float(text.split('= ')[1].split()[0])
     assert value == pytest.approx(float(cell.drives[0].drive.answer[0]), abs=1e-3)
@@ -73,7 +73,7 @@ def test_actual_values_come_from_the_drive(cell: Cell) -> None:
     assert cell.operator.drive('axis1 read S-0-0134').endswith('= 0xe000')
 
 
-def test_two_operators_who_ask_at_the_same_time_get_the_answers_to_their_own_questions(cell: Cell) -> None:
+def test_simultaneous_operators_get_their_own_replies(cell: Cell) -> None:
     asked: list[str] = []
 
     def ask_in_between(seconds: float) -> None:
@@ -129,7 +129,7 @@ def test_questions_to_the_same_drive_are_answered_in_their_order(cell: Cell) -> 
     assert answers[0].data.endswith('= 60 1/s')
 
 
-def test_the_drive_tells_the_same_in_its_diagnostics_and_in_the_service_channel(cell: Cell) -> None:
+def test_diagnostics_and_service_channel_of_a_drive_agree(cell: Cell) -> None:
     cell.drives[0].drive.state['mdt_losses'] = 3
     facts = {key.split()[0]: value for key, value in cell.drives[0].report.facts().items()}
     assert (facts['S-0-0028'], facts['S-0-0029']) == (3, 3)
@@ -193,7 +193,7 @@ def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there
         operator.drive('axis2 write S-0-0295 0.01')
 
 
-def test_before_cp3_the_channel_is_closed_and_says_so(graph: Any) -> None:
+def test_channel_is_closed_before_cp3_and_reports_it(graph: Any) -> None:
     graph.add(TransformationTaskNode)
     operator = graph.add(OperatorNode, graph.spin_for)
     with pytest.raises(ProgramError, match=r'8503: S-0-0104: .* \(error 0x0001\)') as caught:
@@ -271,7 +271,7 @@ REFUSED_PARAMETERS = [
 ]
 
 
-def test_a_parameter_that_cannot_be_set_is_refused_as_in_the_service_channel_and_stays(cell: Cell) -> None:
+def test_a_parameter_that_cannot_be_set_is_rejected_as_in_the_service_channel_and_stays(cell: Cell) -> None:
     drive = cell.drives[1]
     before = drive.drive.constants.copy()
     for name, value, reason in REFUSED_PARAMETERS:
@@ -295,7 +295,7 @@ def test_of_several_parameters_all_are_set_or_none(cell: Cell) -> None:
     assert cell.operator.drive('axis2 read S-0-0104').endswith('= 60 1/s')
 
 
-def test_ranges_of_parameters_are_for_people(cell: Cell) -> None:
+def test_ranges_of_parameters_are_readable(cell: Cell) -> None:
     for name in WRITABLE:
         (bounds,) = cell.drives[0].describe_parameter(name).floating_point_range
         assert bounds.from_value == 0.0 or bounds.from_value > 1e-9, name

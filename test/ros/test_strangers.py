@@ -91,7 +91,7 @@ SHAFTS = {'position': [0.0] * 3, 'velocity': [0.0] * 3, 'effort': [0.0] * 3}
 
 
 @pytest.mark.parametrize('huge', [-1e300, float('nan')])
-def test_numbers_that_no_machine_has_are_refused_although_everything_else_is_right(
+def test_numbers_that_no_machine_has_are_rejected_although_everything_else_is_right(
     huge: float, cell: Cell
 ) -> None:
     session = cell.task.controller.bus.session.decode()
@@ -106,7 +106,7 @@ def test_numbers_that_no_machine_has_are_refused_although_everything_else_is_rig
     cell.assert_untouched()
 
 
-def test_telegrams_whose_session_is_no_text_are_refused(cell: Cell) -> None:
+def test_telegrams_with_a_session_that_is_not_text_are_rejected(cell: Cell) -> None:
     for topic, frame, names, values in (
         ('sercos/at/axis1', f'c008 0000 {SESSION}', ['axis1'], AT),
         ('plant/motor_shafts', SESSION, list(DRIVES), SHAFTS),
@@ -117,7 +117,7 @@ def test_telegrams_whose_session_is_no_text_are_refused(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize('seconds', [2**31 - 1, 100_000])
-def test_an_mdt_far_ahead_of_bus_time_is_refused(seconds: int, cell: Cell) -> None:
+def test_an_mdt_far_ahead_of_bus_time_is_rejected(seconds: int, cell: Cell) -> None:
     last = cell.mdt[-1]
     message = telegram_message(last.header.frame_id, list(DRIVES), (seconds, 0), position=list(last.position))
     cell.publish(JointState, 'sercos/mdt', CYCLIC_PUBLISHER, message)
@@ -144,7 +144,7 @@ def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) ->
     assert moved < 0.5  # motor side: a degree of the arm
 
 
-def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_they_claim(cell: Cell) -> None:
+def test_at_of_another_publisher_with_copied_session_stop_the_robot_by_their_axis(cell: Cell) -> None:
     publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
     cell.graph.spin_until(publisher.get_subscription_count, 'the master')
     session = cell.task.controller.bus.session.decode()
@@ -161,7 +161,7 @@ def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_the
     cell.graph.spin_until(lambda: not any(drive.drive.powered for drive in cell.drives), 'no torque')
 
 
-def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_master(cell: Cell) -> None:
+def test_at_of_a_future_cycle_shows_that_the_drives_continued_without_their_master(cell: Cell) -> None:
     session = cell.task.progress().session
     publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
     cell.graph.spin_until(publisher.get_subscription_count, 'the master')
@@ -175,7 +175,7 @@ def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_mas
     assert not cell.task.progress().in_torque
 
 
-def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cell: Cell) -> None:
+def test_reset_reports_the_remaining_cause_and_succeeds_without_it(cell: Cell) -> None:
     operator = cell.operator
     operator.inject('{fault: encoder_failure, axis: axis2}')
     cell.graph.spin_until(lambda: operator.progress.fault, 'the fault')
@@ -208,7 +208,7 @@ def test_no_tag_of_yaml_ends_a_node(cell: Cell) -> None:
     assert 'planned' in cell.operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
 
 
-def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> None:
+def test_states_and_positions_of_other_publishers_do_not_end_the_planner(cell: Cell) -> None:
     statuses = cell.graph.listen(String, 'motion/status', LATCHED)
     cell.graph.spin_until(lambda: statuses, 'a status')
     true = json.loads(statuses[-1].data)
@@ -237,7 +237,7 @@ def test_no_text_on_the_progress_ends_or_misleads_a_client(cell: Cell) -> None:
         assert cell.operator.progress.phase == 'CP4', text[:20]
 
 
-def test_numbers_that_no_robot_has_are_none_of_its_progress(cell: Cell) -> None:
+def test_impossible_numbers_are_ignored_in_progress(cell: Cell) -> None:
     report = cell.task.progress()
     assert MotionProgress.from_json(report.to_json()) == report
     facts = report.to_fields()
@@ -250,7 +250,7 @@ def test_numbers_that_no_robot_has_are_none_of_its_progress(cell: Cell) -> None:
             MotionProgress.from_json(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
 
 
-def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_lives(cell: Cell) -> None:
+def test_heartbeat_of_another_publisher_does_not_stop_a_running_program(cell: Cell) -> None:
     cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.02}}]')
     cell.operator.call('start')
     cell.graph.spin_until(lambda: cell.operator.state == 'moving', 'the motion')
@@ -287,7 +287,7 @@ ORDERS = [
 ]
 
 
-def test_orders_out_of_range_are_refused(cell: Cell) -> None:
+def test_orders_out_of_range_are_rejected(cell: Cell) -> None:
     refusals = cell.graph.listen(String, 'motion/refusal', REQUEST)
     cell.graph.spin_until(lambda: cell.graph.listener.count_publishers('motion/refusal'), 'the task')
     for number, (order, sentence) in enumerate(ORDERS, start=1):
@@ -300,7 +300,7 @@ def test_orders_out_of_range_are_refused(cell: Cell) -> None:
     cell.assert_untouched()
 
 
-def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: Cell) -> None:
+def test_a_plan_that_turns_a_motor_too_fast_is_rejected_by_the_task_itself(cell: Cell) -> None:
     from dataclasses import replace
 
     from delta3_pacdrive.planning.paths.move import Move
@@ -363,7 +363,7 @@ def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_tor
     assert words == {'8000'}
 
 
-def test_disabling_in_motion_stops_on_the_path_and_says_who_did_it(cell: Cell) -> None:
+def test_disabling_in_motion_stops_on_the_path_and_names_the_operator(cell: Cell) -> None:
     commands = cell.graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
     cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]')
     cell.operator.call('start')
@@ -376,7 +376,7 @@ def test_disabling_in_motion_stops_on_the_path_and_says_who_did_it(cell: Cell) -
     assert (last.y, last.z) == pytest.approx((0.0, -0.75), abs=1e-6)
 
 
-def test_a_plan_for_another_robot_is_refused_by_the_parameter_that_differs(graph: Any) -> None:
+def test_a_plan_for_another_robot_is_rejected_by_the_parameter_that_differs(graph: Any) -> None:
     task = graph.robot(**ON_REQUEST)
     graph.add(
         UnitRobotNode, kinematics__upper_arm_length_m=0.38, motion__home_m=[0.0, 0.0, -0.75], **ON_REQUEST

@@ -1,4 +1,4 @@
-"""Facts about what a robot publishes: every topic against the telegrams that it is made of, and who hears it."""
+"""Tests of what a robot publishes: every topic against the telegrams that it is made of, and who hears it."""
 
 import io
 import json
@@ -116,7 +116,7 @@ def test_places_and_errors_belong_to_the_telegrams_of_their_stamp(driven: Driven
     assert 1e-6 < off.max() < 5e-3
 
 
-def test_joint_states_tell_angles_speeds_and_torques_of_their_stamp_at_100_hz(driven: Driven) -> None:
+def test_joint_states_have_angles_speeds_and_torques_of_their_stamp_at_100_hz(driven: Driven) -> None:
     answers, joints = driven.answers(), driven.rows('joint_states')
     cycles = sorted(set(answers) & set(joints))
     assert len(cycles) > 20
@@ -129,7 +129,7 @@ def test_joint_states_tell_angles_speeds_and_torques_of_their_stamp_at_100_hz(dr
     assert max(abs(answers[cycle][1]).max() for cycle in cycles) > 10.0
 
 
-def test_joint_states_tell_the_passive_joints_behind_the_axes(driven: Driven) -> None:
+def test_joint_states_have_the_passive_joints_after_the_axes(driven: Driven) -> None:
     assert {tuple(message.name) for message in driven.heard['joint_states']} == {JOINTS}
     joints = driven.rows('joint_states')
     assert len(joints) > 20
@@ -142,7 +142,7 @@ def test_joint_states_tell_the_passive_joints_behind_the_axes(driven: Driven) ->
     assert np.ptp([row[JOINTS.index('forearm2b_swing')] for row in joints.values()]) > 0.05
 
 
-def test_latecomers_hear_the_urdf_of_the_robot(driven: Driven) -> None:
+def test_late_subscribers_receive_the_urdf_of_the_robot(driven: Driven) -> None:
     heard = driven.graph.listen(String, 'robot_description', LATCHED)
     driven.graph.spin_until(lambda: heard, 'the description')
     assert heard[0].data == urdf(ROBOT)
@@ -182,7 +182,7 @@ def test_phase_currents_are_those_of_torque_and_angle(driven: Driven) -> None:
     assert turned > 0.5
 
 
-def test_a_report_tells_time_place_and_following_error_of_its_cycle(driven: Driven) -> None:
+def test_report_has_time_position_and_following_error_of_its_cycle(driven: Driven) -> None:
     reports = [json.loads(message.data) for message in driven.reports]
     actual, following = driven.rows('tcp/actual'), driven.rows('following_error')
     looked = 0
@@ -196,7 +196,7 @@ def test_a_report_tells_time_place_and_following_error_of_its_cycle(driven: Driv
     assert looked > 3
 
 
-def test_a_report_that_lacks_anything_is_none(driven: Driven) -> None:
+def test_incomplete_report_is_ignored(driven: Driven) -> None:
     text = driven.reports[-1].data
     facts = json.loads(text)
     assert MotionProgress.from_json(text).to_json() == text
@@ -205,13 +205,13 @@ def test_a_report_that_lacks_anything_is_none(driven: Driven) -> None:
             MotionProgress.from_fields({name: facts[name] for name in facts if name != key})
 
 
-def test_figures_come_with_the_end_of_a_program(driven: Driven) -> None:
+def test_figures_arrive_at_the_end_of_a_program(driven: Driven) -> None:
     report = json.loads(driven.reports[-1].data)
     assert report['finished']
     assert report['figures']['final_tcp_m'] == pytest.approx([0.0, 0.1, -0.85], abs=1e-5)
 
 
-def test_the_round_trip_is_no_longer_than_what_is_outstanding(driven: Driven) -> None:
+def test_round_trip_is_within_the_outstanding_cycles(driven: Driven) -> None:
     """The mean time from an MDT to its AT is that of a cycle times the cycles that are under way (Little's law)."""
     progress = driven.task.progress()
     cycle_ms = progress.wall_time_s / progress.cycles * 1e3
@@ -233,7 +233,7 @@ LATCHED_TOPICS = {
 }
 
 
-def test_latecomers_hear_how_things_stand(driven: Driven) -> None:
+def test_late_subscribers_receive_the_present_state(driven: Driven) -> None:
     heard = {topic: driven.graph.listen(kind, topic, LATCHED) for topic, kind in LATCHED_TOPICS.items()}
     present = driven.graph.listen(DiagnosticStatus, 'sercos/participants', LATCHED_FROM_MANY)
     driven.graph.spin_until(lambda: all(heard.values()) and len(present) >= 4, 'all that is latched')

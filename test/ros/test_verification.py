@@ -1,4 +1,4 @@
-"""Facts about catalogue and soak on a robot in this process: a fault leaves evidence, and a robot without it none."""
+"""Tests of catalogue and soak on a robot in this process: a fault leaves evidence, and a robot without it none."""
 
 import json
 from collections.abc import Callable
@@ -71,7 +71,7 @@ LEFT_BEHIND = [
 
 
 @pytest.mark.parametrize(('fault', 'state', 'evidence'), some(LEFT_BEHIND, LEFT_BEHIND[6:7]))
-def test_what_a_fault_leaves_behind_is_found(
+def test_after_effects_of_a_fault_are_found(
     fault: dict[str, Any], state: State, evidence: str, catalogue: Catalogue
 ) -> None:
     found = outcome_of(catalogue, state, **fault)
@@ -87,7 +87,7 @@ def test_a_fault_hits_the_short_state_that_it_is_meant_for(state: State, catalog
 
 
 @pytest.mark.long
-def test_losses_of_before_are_no_evidence(catalogue: Catalogue) -> None:
+def test_earlier_losses_are_not_evidence(catalogue: Catalogue) -> None:
     for _ in range(2):
         assert outcome_of(catalogue, State.STANDING, fault='drop_mdt', axis='axis2').evidence == '1 lost'
 
@@ -117,7 +117,7 @@ NONE_BEFALLS = [
 
 
 @pytest.mark.parametrize(('expected', 'fault'), some(NONE_BEFALLS, NONE_BEFALLS[2:3]))
-def test_a_robot_that_no_fault_befalls_is_not_as_expected_whatever_it_says(
+def test_robot_without_the_injected_fault_is_not_as_expected(
     expected: str, fault: dict[str, Any], catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(drive_clock, 'apply_to_drive', lambda *_: None)
@@ -128,7 +128,7 @@ def test_a_robot_that_no_fault_befalls_is_not_as_expected_whatever_it_says(
     assert not found.as_expected, found
 
 
-def test_what_went_wrong_in_a_case_is_told(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_of_a_case_is_reported(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = catalogue.drive
 
     def refuse_faults(moves: Any, faults: Any = (), **more: Any) -> None:
@@ -143,7 +143,7 @@ def test_what_went_wrong_in_a_case_is_told(catalogue: Catalogue, monkeypatch: py
     assert found.recovered_s is not None
 
 
-def test_a_robot_that_does_not_come_back_ends_its_case_and_not_the_catalogue(
+def test_robot_that_does_not_return_ends_its_case_and_not_the_catalogue(
     catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor does a bus that takes no order for a new machine: that of a busy robot was in CP0."""
@@ -235,7 +235,7 @@ def test_a_disturbed_program_counts_its_faults_and_what_they_took_away(replay: R
     assert (figures.lost_at, figures.lost_at_injected) == (1, 1)
 
 
-def test_a_program_that_is_refused_is_none_that_ran(replay: Replay) -> None:
+def test_rejected_program_does_not_count_as_run(replay: Replay) -> None:
     figures = replay.run([{'move_l': {'to_m': [0.9, 0.0, -0.8]}}])
     assert (figures.programs, figures.refused, figures.ok) == (0, 1, False)
 
@@ -252,7 +252,7 @@ def test_a_program_that_is_refused_is_none_that_ran(replay: Replay) -> None:
         ({'fault': 'encoder_failure', 'axis': 'axis2'}, 'stopped without an injected fault: axis2'),
     ],
 )
-def test_what_nobody_injected_is_a_violation_that_can_be_replayed(
+def test_stop_without_an_injected_fault_is_a_violation_that_can_be_replayed(
     beside: dict[str, Any], sentence: str, replay: Replay
 ) -> None:
     figures = replay.run_beside([SLOWLY], beside)

@@ -1,4 +1,4 @@
-"""What the facts about the scene share."""
+"""Shared fixtures of the tests of the scene."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Facts about what a robot looks like whose arms are calibrated, each for itself."""
+"""Tests of what a robot looks like whose arms are calibrated, each for itself."""
 
 from xml.etree import ElementTree as ET
 
@@ -45,7 +45,7 @@ def test_shapes_have_the_lengths_of_their_arm(calibrated):
     assert [named[f'forearm{i}b'].shapes[0].length_m for i in (1, 2, 3)] == list(k.forearm_lengths_m)
 
 
-def test_the_urdf_tells_every_arm(calibrated):
+def test_urdf_describes_every_arm(calibrated):
     k = calibrated.kinematics
     places = {
         joint.get('name'): joint.find('origin') for joint in ET.fromstring(urdf(calibrated)).iter('joint')

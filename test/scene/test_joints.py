@@ -1,4 +1,4 @@
-"""Facts about the joints of the robot as a tree: angles that close every loop, and their speeds."""
+"""Tests of the joints of the robot as a tree: angles that close every loop, and their speeds."""
 
 import math
 
@@ -71,7 +71,7 @@ def test_the_swing_of_the_rods_is_that_which_moves_are_limited_by(robot):
     assert np.stack(found, axis=-1) == pytest.approx(expected, abs=CLOSED)
 
 
-def test_passive_joints_do_not_jump_on_the_way_through_the_workspace(robot):
+def test_passive_joints_do_not_jump_in_the_workspace(robot):
     k = robot.kinematics
     way = np.linspace(0.0, math.tau, 2000)
     radius = 0.5 * k.workspace_diameter_m
@@ -98,7 +98,7 @@ def test_arrays_of_angles_give_arrays_of_joints(shape, robot):
         assert np.array_equal(joints(theta[index], robot), positions[index])
 
 
-def test_angles_that_close_no_chain_are_refused_or_leave_the_passive_joints_nan(robot):
+def test_angles_that_close_no_chain_are_rejected_or_leave_the_passive_joints_nan(robot):
     short = robot.replace(kinematics__forearm_length_m=0.5)
     with pytest.raises(UnreachableError, match='the forearms do not meet at arm angles'):
         joints(np.zeros(3), short)

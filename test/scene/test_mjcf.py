@@ -1,4 +1,4 @@
-"""Facts about the exported model for MuJoCo: it is the robot, begins closed and at home, and moves like the plant."""
+"""Tests of the exported model for MuJoCo: it is the robot, begins closed and at home, and moves like the plant."""
 
 import numpy as np
 import pytest
@@ -160,7 +160,7 @@ def test_at_rest_under_its_weight_and_the_torques_that_hold_it_the_model_stays(r
     assert opened < 1e-6
 
 
-def test_a_home_out_of_reach_is_refused(robot):
+def test_a_home_out_of_reach_is_rejected(robot):
     with pytest.raises(UnreachableError, match='out of reach of arm 1'):
         mjcf(robot.replace(motion__home_m=(0.0, 0.0, -2.0)))
 

@@ -1,4 +1,4 @@
-"""Facts about where the parts of the robot are: every loop closes, rods keep their length, the plate stays level."""
+"""Tests of where the parts of the robot are: every loop closes, rods keep their length, the plate stays level."""
 
 import math
 
@@ -112,7 +112,7 @@ def test_quaternions_have_the_length_of_one_and_a_w_that_is_not_negative(machine
     assert quaternion[..., 3].min() >= 0.0
 
 
-def test_angles_that_close_no_chain_are_refused_or_nan(robot):
+def test_angles_that_close_no_chain_are_rejected_or_nan(robot):
     short = robot.replace(kinematics__forearm_length_m=0.5)
     with pytest.raises(UnreachableError, match='the forearms do not meet at arm angles'):
         scene.poses(np.zeros(3), short)

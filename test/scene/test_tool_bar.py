@@ -1,4 +1,4 @@
-"""Facts about the rotary axis that is seen: its bar reaches from the motor to the tool, and what turns is turned."""
+"""Tests of the rotary axis that is seen: its bar reaches from the motor to the tool, and what turns is turned."""
 
 import math
 
@@ -37,7 +37,7 @@ def test_the_robot_has_four_parts_more_and_all_others_as_they_were(machine, turn
     assert scene.names_of(machine) == scene.NAMES
 
 
-def test_tube_and_rod_lie_on_one_line_from_the_motor_to_the_tool_and_never_come_apart(turning):
+def test_tube_and_rod_form_one_line_from_motor_to_tool_and_never_separate(turning):
     theta = workspace(turning)
     there = poses(theta, turning, 0.7)
     (tube, along), (rod, rod_along) = there.of('bar_tube'), there.of('bar_rod')
@@ -73,7 +73,7 @@ def test_the_tool_and_what_hangs_on_it_are_turned_counter_clockwise_and_nothing_
     assert there.quaternion[..., 3].min() >= 0.0
 
 
-def test_each_pose_has_a_turn_of_its_own(robot):
+def test_each_pose_has_its_own_rotation(robot):
     turning = robot.replace(rotary__present=True)
     theta = workspace(turning, 20, 5)[:6].reshape(2, 3, 3)
     turn = np.linspace(-1.0, 1.0, 6).reshape(2, 3)
@@ -84,7 +84,7 @@ def test_each_pose_has_a_turn_of_its_own(robot):
         assert np.array_equal(one.quaternion, there.quaternion[index])
 
 
-def test_the_bar_turns_with_the_tool_and_leans_the_shortest_way(robot):
+def test_bar_turns_with_the_tool_and_leans_the_shortest_way(robot):
     turning = robot.replace(rotary__present=True)
     theta = kinematics.inverse([0.3, -0.2, -0.8], turning)
     leaning, turned = (

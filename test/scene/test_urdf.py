@@ -1,4 +1,4 @@
-"""Facts about the URDF: yourdfpy reads it, and with the joints' angles its tree closes over the whole workspace."""
+"""Tests of the URDF: yourdfpy reads it, and with the joints' angles its tree closes over the whole workspace."""
 
 import io
 import math
@@ -128,7 +128,7 @@ def test_the_body_of_a_payload_hangs_below_the_tcp_around_its_centre_of_mass(mod
     assert visual.origin[:3, 3] == pytest.approx(centre)
 
 
-def test_without_a_payload_there_is_no_link_of_one(robot):
+def test_zero_payload_has_no_link(robot):
     empty = ET.fromstring(urdf(robot.replace(dynamics__payload_mass_kg=0.0)))
     assert 'payload' not in [link.get('name') for link in empty.iter('link')]
     assert 'payload' in [link.get('name') for link in ET.fromstring(urdf(robot)).iter('link')]

@@ -1,4 +1,4 @@
-"""Facts about parts on the belts of a script: told by a camera or a light barrier, handed out, put down."""
+"""Tests of parts on the belts of a script: told by a camera or a light barrier, handed out, put down."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_they_lie_on_the_other_belt_at_least_a_pitch_apart_and_in_its_middle(car
     assert np.abs(tcp[cycles, 1] + 0.2).max() < 0.3e-3
 
 
-def test_what_is_told_twice_is_one_part_and_the_robot_knows_how_fast_the_belt_is(carried):
+def test_part_reported_twice_counts_once_and_the_belt_speed_is_known(carried):
     _, known = carried
     assert known.merged > 3
     assert known.speed_m_s == pytest.approx(0.4, abs=0.01)
@@ -105,7 +105,7 @@ def test_the_nearest_part_is_not_the_first_one(robot):
     assert first.along_m > nearest.along_m
 
 
-def test_a_camera_that_dies_is_told_instead_of_waiting_for_its_parts(robot):
+def test_dead_camera_is_reported_instead_of_waiting_for_its_parts(robot):
     dead = [{'fault': 'camera_dead', 'belt': 'line', 'after_s': 1.0}]
 
     def all_of_them(called):
@@ -148,7 +148,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
+def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
     call, sentence = WRONG[case]
     with (
         scripting.simulate(robot, cell=around([speed_of(0.5)], 1)) as called,
@@ -159,7 +159,7 @@ def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
 
 
 @pytest.mark.parametrize(('kind', 'told'), [('baar', "'baar'"), (1, '1')])
-def test_a_kind_of_part_that_the_cell_does_not_know_is_refused_at_once(robot, kind, told):
+def test_a_kind_of_part_that_the_cell_does_not_know_is_rejected_at_once(robot, kind, told):
     with scripting.simulate(robot, cell=mixed()) as called:
         begun = called.state().cycle
         with pytest.raises(scripting.ScriptError) as refused:
@@ -214,7 +214,7 @@ def test_of_several_belts_by_load_is_that_with_most_parts_and_first_in_the_part_
         ('line', 'by lod', 'did you mean by load?'),
     ],
 )
-def test_belts_and_rules_that_make_no_sense_together_are_refused(robot, belts, rule, sentence):
+def test_belts_and_rules_that_make_no_sense_together_are_rejected(robot, belts, rule, sentence):
     with (
         scripting.simulate(robot, cell=two()) as called,
         pytest.raises(scripting.ScriptError, match=sentence),

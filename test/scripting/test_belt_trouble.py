@@ -1,4 +1,4 @@
-"""Facts about belts on which something goes wrong: robot and parts are in a defined state, and the script goes on."""
+"""Tests of belts on which something goes wrong: robot and parts are in a defined state, and the script goes on."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def stands(trace, cycles=8):
     return np.ptp(trace.signals['tcp_command'][-cycles:], axis=0).max() == 0.0
 
 
-def test_what_would_not_be_done_in_the_window_is_refused_and_the_robot_stays_where_it_is(robot):
+def test_what_would_not_be_done_in_the_window_is_rejected_and_the_robot_stays_where_it_is(robot):
     with scripting.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: stays(called, 2.0))
         here = called.state()
@@ -51,7 +51,7 @@ def test_what_would_not_be_done_in_the_window_is_refused_and_the_robot_stays_whe
     assert np.ptp(called.trace.signals['tcp_command'], axis=0).max() == 0.0
 
 
-def test_a_belt_that_gets_faster_carries_the_part_away_and_the_robot_stops_and_goes_on(robot):
+def test_accelerating_belt_carries_the_part_away_and_the_robot_stops_and_continues(robot):
     faster = [speed_of(0.3), speed_of(1.2, after_s=2.0)]
     with scripting.simulate(robot, cell=around(faster, 2)) as called:
         error = refused(called, lambda _: stays(called, 1.4))
@@ -77,7 +77,7 @@ def test_a_belt_that_runs_back_out_of_the_window_ends_the_work(robot):
     assert stands(called.trace)
 
 
-def test_a_part_on_a_belt_that_stands_does_not_come(robot):
+def test_part_on_a_belt_at_rest_does_not_arrive(robot):
     stopped = [speed_of(0.5), speed_of(0.0, after_s=0.7)]
 
     def waits(called):
@@ -92,7 +92,7 @@ def test_a_part_on_a_belt_that_stands_does_not_come(robot):
     assert 'within 1 s' in str(error)
 
 
-def test_a_belt_that_stops_while_the_robot_comes_is_worked_on_where_it_stands(robot):
+def test_belt_that_stops_during_the_approach_is_met_at_its_standstill(robot):
     stops = [speed_of(0.5), speed_of(0.0, after_s=0.82)]
     with scripting.simulate(
         robot, cell=around(stops, 1, window_mm=[400, 1100]), signals=['cell_belts']
@@ -111,7 +111,7 @@ def test_a_belt_that_stops_before_the_part_is_in_the_window_ends_the_work(robot)
     assert stands(called.trace)
 
 
-def test_held_on_a_belt_the_robot_stands_and_resumed_it_picks_the_same_part(robot):
+def test_robot_held_on_a_belt_rests_and_picks_the_same_part_when_resumed(robot):
     with scripting.simulate(robot, cell=around(SLOW, 1), signals=['cell_belts']) as called:
         with called.track('line', timeout_s=5.0, **QUICK):
             called.move_l(to_mm=[0, 0, 40], **QUICK)
@@ -132,7 +132,7 @@ def test_held_on_a_belt_the_robot_stands_and_resumed_it_picks_the_same_part(robo
     assert far.max() < 0.25e-3
 
 
-def test_resumed_at_once_the_path_goes_on_with_the_part(robot):
+def test_immediate_resume_continues_the_path_with_the_part(robot):
     with (
         scripting.simulate(
             robot, cell=around([speed_of(1.0)], 1, window_mm=[350, 1150]), signals=['cell_belts']
@@ -154,7 +154,7 @@ def test_resumed_at_once_the_path_goes_on_with_the_part(robot):
     assert abs(behind[goes_on]) < 0.5e-3
 
 
-def test_a_script_that_dies_while_its_belt_is_lost_tells_its_own_error(robot):
+def test_script_that_dies_after_losing_its_belt_reports_its_own_error(robot):
     def dies(called):
         called.dwell(1.4)
         called.wait(left_s=1.3)
@@ -173,7 +173,7 @@ def test_a_script_that_dies_while_its_belt_is_lost_tells_its_own_error(robot):
     assert stands(simulated[0].trace)
 
 
-def test_a_move_behind_the_belt_that_is_refused_is_not_ordered_later(robot):
+def test_rejected_move_after_the_belt_is_not_sent_later(robot):
     with scripting.simulate(robot, cell=around(SLOW, 1)) as called:
         above(called, lambda _: None)
         called.move_l(to_mm=[900, 0, -800], **QUICK)
@@ -196,7 +196,7 @@ def test_a_later_move_on_the_belt_is_checked_with_the_motion_of_the_belt(robot):
     assert stands(called.trace)
 
 
-def test_a_resume_that_would_not_be_done_in_the_window_is_refused_and_the_work_dropped(robot):
+def test_a_resume_that_would_not_be_done_in_the_window_is_rejected_and_the_work_dropped(robot):
     def too_long(called):
         called.dwell(0.3)
         called.wait(left_s=0.2)
@@ -223,7 +223,7 @@ def test_an_override_changes_the_work_and_not_the_belt(robot, percent):
 
 
 @pytest.mark.parametrize('percent', [50, 75, 150])
-def test_an_override_behind_the_work_lets_moves_wait_until_the_robot_has_left_the_belt(robot, percent):
+def test_override_after_the_work_delays_moves_until_the_robot_has_left_the_belt(robot, percent):
     with scripting.simulate(robot, cell=around(SLOW, 1), signals=['outputs']) as called:
         above(called, lambda robot: robot.dwell(0.3))
         called.override(percent)
@@ -296,7 +296,7 @@ MISUSED = {
 
 
 @pytest.mark.parametrize('case', MISUSED)
-def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
+def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
     call, sentence = MISUSED[case]
     with (
         scripting.simulate(robot, cell=around(SLOW, 1)) as called,
@@ -315,7 +315,7 @@ def test_a_belt_whose_encoder_shakes_the_robot_is_not_tracked(robot):
 
 
 @pytest.mark.parametrize('before_s', [0.0, 0.5])  # while the belt brakes to rest, and when it stands
-def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(before_s, robot):
+def test_part_that_a_belt_at_rest_does_not_deliver_times_out_and_is_reported(before_s, robot):
     stops = [speed_of(0.4), speed_of(0.0, after_s=0.9)]  # the part has passed the light barrier, not more
 
     def waits(called):
@@ -346,7 +346,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_work_that_makes_no_sense_is_refused_and_nothing_moves(robot, case):
+def test_work_that_makes_no_sense_is_rejected_and_nothing_moves(robot, case):
     work, sentence = WRONG[case]
 
     def wrong(called):
@@ -359,14 +359,14 @@ def test_work_that_makes_no_sense_is_refused_and_nothing_moves(robot, case):
     assert np.ptp(called.trace.signals['tcp_command'], axis=0).max() == 0.0
 
 
-def test_a_cell_without_belts_says_so(robot):
+def test_cell_without_belts_is_rejected(robot):
     with scripting.simulate(robot, cell=around(None, 0)) as called:
         assert "unknown belt 'line', the belts are: none" in str(
             refused(called, lambda _: called.part('line'))
         )
 
 
-def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_refused_before_anything_moves(robot):
+def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_rejected_before_anything_moves(robot):
     # at the end of its window the robot cannot come to rest within the workspace without a move that leads back
     near_the_rim = {'window_mm': [450, 1280]}
     with scripting.simulate(robot, cell=around([speed_of(1.5)], 1, **near_the_rim)) as called:

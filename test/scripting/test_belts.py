@@ -1,4 +1,4 @@
-"""Facts about scripts on belts with real drives: where the true TCP is, and that nothing else changes."""
+"""Tests of scripts on belts with real drives: where the true TCP is, and that nothing else changes."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def runs(robot):
 
 
 @pytest.mark.parametrize('name', RUNS)
-def test_the_true_tcp_stands_on_the_true_part_as_promised_whatever_the_belt_does(runs, name):
+def test_true_tcp_follows_the_true_part_within_the_promised_error(runs, name):
     far, _ = apart_m(runs[name])
     assert len(far) >= 1e3 * GRIP_S[name] - 5
     assert np.sqrt(np.mean(far**2)) < RMS_M
@@ -52,7 +52,7 @@ def test_parts_are_taken_from_the_belt_and_placed(runs, name):
     assert report['place_error_max_m'] < 0.3e-3
 
 
-def test_the_belt_really_stopped_while_the_robot_stood_on_a_part(runs):
+def test_belt_stops_while_the_robot_is_on_a_part(runs):
     _, cycles = apart_m(runs['stops'])
     speeds = np.diff(runs['stops'].signals['cell_belts'][:, 0])[cycles] / 1e-3
     assert (speeds.max(), speeds.min()) == pytest.approx((0.5, 0.0), abs=1e-9)
@@ -66,13 +66,13 @@ def test_the_command_never_jumps_and_keeps_its_limits(runs):
         assert np.linalg.norm(np.diff(speed, axis=0), axis=1).max() / 1e-3 < 80.0
 
 
-def test_what_the_controller_adds_is_no_output_for_anybody_else(runs):
+def test_internal_bits_are_not_outputs(runs):
     run = runs['slow']
     assert {change['name'] for change in run.meta['outputs']} == {'gripper'}
     assert run.signals['outputs'][:, 1:].max() == 0.0
 
 
-def test_the_end_is_where_the_plan_says_once_the_robot_has_left_the_belt(runs):
+def test_end_is_as_planned_after_the_robot_has_left_the_belt(runs):
     for run in runs.values():
         assert run.signals['tcp_command'][-1] == pytest.approx((0.0, -0.2, -0.85), abs=1e-12)
 
@@ -88,7 +88,7 @@ def test_the_delay_of_the_light_barrier_is_taken_off(robot):
     assert far.max() < MAX_M  # 4 ms at 1.5 m/s would be 6 mm
 
 
-def test_a_belt_beside_a_script_that_does_not_look_at_it_changes_no_bit(robot):
+def test_belt_that_a_script_ignores_changes_no_bit(robot):
     def moved(cell_around):
         with scripting.simulate(robot, cell=cell_around) as called:
             called.move_l(to_mm=[50, 0, -800])
@@ -99,7 +99,7 @@ def test_a_belt_beside_a_script_that_does_not_look_at_it_changes_no_bit(robot):
         assert np.array_equal(signal, with_belt.signals[name], equal_nan=True), name
 
 
-def test_parts_that_come_too_close_together_are_left_out_with_a_reason_and_pass(robot):
+def test_parts_too_close_together_are_skipped_with_a_reason(robot):
     codes = []
     stream = {'part': 'bar', 'count': 4, 'spacing_mm': 150}
     with scripting.simulate(robot, cell=around(RUNS['fast'], 4, stream=stream)) as called:
@@ -133,7 +133,7 @@ def test_the_robot_may_wait_and_decide_on_a_belt(robot):
     assert seen[1][1:] == pytest.approx(seen[0][1:], abs=1e-4)
 
 
-def test_a_short_move_behind_the_work_waits_until_the_robot_has_left_the_belt(robot):
+def test_short_move_after_the_work_waits_until_the_robot_has_left_the_belt(robot):
     with scripting.simulate(robot, cell=around(RUNS['fast'], 1)) as called:
         with called.track('line', **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
@@ -163,7 +163,7 @@ def test_a_script_ends_once_the_robot_has_left_the_belt(robot):
     assert np.ptp(called.trace.signals['tcp_command'][-3:], axis=0).max() < 1e-6
 
 
-def test_a_belt_of_1_5_m_s_that_brakes_stands_and_starts_with_2_m_s2_carries_the_tcp_with_its_part(robot):
+def test_tcp_follows_the_part_on_a_belt_of_1_5_m_s_that_brakes_and_starts_with_2_m_s2(robot):
     speed = [speed_of(1.5), speed_of(0.0, after_s=1.36), speed_of(1.5, after_s=2.3)]
     barrier, window_mm = {'at_mm': 50, 'delay_s': 0.0005}, [450, 1200]
     with scripting.simulate(
@@ -242,7 +242,7 @@ def test_belt_and_move_together_keep_the_tcp_speed_limit_in_every_cycle(robot):
     assert 0.98 * 1.9 < fastest <= 1.92
 
 
-def test_belt_and_move_that_are_too_fast_together_are_refused_before_anything_moves(robot):
+def test_belt_and_move_that_are_too_fast_together_are_rejected_before_anything_moves(robot):
     fastest, error = along_belt(robot, 1.91, [speed_of(1.0)])
     assert fastest == 0.0
     assert 'TCP speed would be 1.89' in error

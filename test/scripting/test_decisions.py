@@ -1,4 +1,4 @@
-"""Facts about scripts in a simulation: when decisions are taken, and when they take effect."""
+"""Tests of scripts in a simulation: when decisions are taken, and when they take effect."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def corner_speed(trace, corner_mm):
 
 
 @pytest.mark.parametrize('changes', [{}, {'control__feed_forward': 'model', 'drive__interpolation': 'cubic'}])
-def test_a_script_without_decisions_has_the_bits_of_the_program_that_says_the_same(robot, changes):
+def test_script_without_decisions_has_the_bits_of_its_program(robot, changes):
     robot = robot.replace(**changes)
 
     def script(called):
@@ -133,7 +133,7 @@ def test_moves_that_follow_early_enough_round_the_corner(robot):
     assert late.meta['planned_end_m'] == pytest.approx(early.meta['planned_end_m'])
 
 
-def test_a_corner_that_is_too_late_is_told_with_its_line(robot):
+def test_late_corner_is_reported_with_its_line(robot):
     def script(called):
         called.move_l(to_mm=TWO_POINTS[0], blend_mm=20)
         called.wait(left_s=0.03)

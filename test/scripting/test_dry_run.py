@@ -1,4 +1,4 @@
-"""Facts about ``delta3 plan`` of scripts: what the planner makes of each move, without keeping what is driven."""
+"""Tests of ``delta3 plan`` of scripts: what the planner makes of each move, without keeping what is driven."""
 
 import json
 
@@ -48,7 +48,7 @@ def test_each_move_has_its_line_and_what_limits_it(folder, capsys):
     assert 'pick.py' in found['provenance']['inputs']
 
 
-def test_people_read_a_table(folder, capsys):
+def test_users_read_a_table(folder, capsys):
     assert plan.main(['pick.py', '--cell', 'own.yaml']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == 'pick: 3 moves'
@@ -57,7 +57,7 @@ def test_people_read_a_table(folder, capsys):
     assert 's of it between moves' in lines[8]
 
 
-def test_a_script_that_is_given_up_tells_its_moves_and_why(folder, capsys):
+def test_aborted_script_reports_its_moves_and_the_reason(folder, capsys):
     (folder / 'own.py').write_text(
         'def main(robot):\n    robot.move_l(to_mm=[50, 0, -800])\n    robot.wait()\n    robot.wait_input("x")\n'
     )
@@ -83,7 +83,7 @@ def test_notes_name_the_line(folder, robot):
         (['pick.py', '--limits'], '--limits requires --json'),
     ],
 )
-def test_options_that_do_not_fit_are_refused_by_name(folder, capsys, arguments, sentence):
+def test_options_that_do_not_fit_are_rejected_by_name(folder, capsys, arguments, sentence):
     with pytest.raises(SystemExit) as left:
         plan.main(arguments)
     assert left.value.code == 2

@@ -1,4 +1,4 @@
-"""Facts about frames, tools, cubics, arm angles and named outputs in scripts: what programs have, scripts have."""
+"""Tests of frames, tools, cubics, arm angles and named outputs in scripts: what programs have, scripts have."""
 
 import math
 
@@ -23,7 +23,7 @@ HEAD = {
 }  # fmt: skip
 
 
-def test_a_script_with_frame_tool_cubic_and_arm_angles_has_the_bits_of_the_program_that_says_the_same(robot):
+def test_script_with_frame_tool_cubic_and_arm_angles_has_the_bits_of_its_program(robot):
     moves = [
         {'move_l': {'to_mm': [60, 0, 30]}},
         {'move_l': {'to_mm': [60, 20, -770], 'frame': 'base', 'tool': 'tip'}},
@@ -58,7 +58,7 @@ def test_what_a_tool_weighs_counts_to_the_payload_from_the_next_move_on(robot):
     assert (gripped_kg, left_kg) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.1, abs=1e-3))
 
 
-def test_a_cubic_that_would_be_left_in_motion_is_refused_and_nothing_moves(robot):
+def test_a_cubic_that_would_be_left_in_motion_is_rejected_and_nothing_moves(robot):
     with scripting.simulate(robot) as called:
         called.cubic(to_mm=[0, 20, -770], duration_s=0.4, end_velocity_m_s=[0.0, -0.1, 0.0])
         with pytest.raises(scripting.ScriptError) as caught:
@@ -87,7 +87,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_what_a_script_cannot_mean_is_refused_in_its_line(robot, tmp_path, case):
+def test_what_a_script_cannot_mean_is_rejected_in_its_line(robot, tmp_path, case):
     path = tmp_path / 'own.yaml'
     path.write_text('outputs: {suction: {output: output3}}\n')
     script, told = WRONG[case]

@@ -1,4 +1,4 @@
-"""Facts about script files: what they must have, what goes wrong in them, and ``delta3 simulate`` of them."""
+"""Tests of script files: what they must have, what goes wrong in them, and ``delta3 simulate`` of them."""
 
 import json
 import re
@@ -42,7 +42,7 @@ def run(folder, robot, text, **options):
     return caught.value
 
 
-def test_a_script_is_run_with_what_stands_beside_it(folder, robot):
+def test_script_runs_with_modules_of_its_folder(folder, robot):
     path = list(sys.path)
     with scripting.simulate(robot, cell='cell.yaml', name='pick') as called:
         script.load('pick.py').run(called)
@@ -70,14 +70,14 @@ WRONG_FILES = {
 
 
 @pytest.mark.parametrize('name', WRONG_FILES)
-def test_a_file_that_is_no_script_is_refused(folder, name):
+def test_file_without_a_script_is_rejected(folder, name):
     text, kind, sentence = WRONG_FILES[name]
     (folder / name).write_text(text, encoding='utf-8')
     with pytest.raises(kind, match=sentence):
         script.load(name)
 
 
-def test_a_script_that_is_not_there_is_refused(folder):
+def test_a_script_that_is_not_there_is_rejected(folder):
     with pytest.raises(ProgramError, match=r'script nobody\.py does not exist'):
         script.load('nobody.py')
 
@@ -108,7 +108,7 @@ def test_simulate_runs_a_script(folder, shell):
     assert begin == trace.meta['start_cycle'] == 102 + 400 + 18
 
 
-def test_simulate_tells_in_one_sentence_what_went_wrong_and_keeps_the_trace(folder, shell):
+def test_simulate_reports_an_error_in_one_sentence_and_keeps_the_trace(folder, shell):
     (folder / 'cell.yaml').write_text('name: own\ninputs: {part: {changes: [{after_s: 9, value: true}]}}\n')
     done = shell('delta3 simulate pick.py --cell ./cell.yaml --trace run.npz')
     assert done.returncode == 1
@@ -125,19 +125,19 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('arguments', REFUSED)
-def test_options_that_a_script_does_not_obey_are_refused_by_name(folder, shell, arguments):
+def test_options_that_a_script_does_not_obey_are_rejected_by_name(folder, shell, arguments):
     done = shell(f'delta3 simulate {arguments}')
     assert done.returncode == 2
     assert REFUSED[arguments] in done.stderr
 
 
-def test_a_script_that_simulates_by_itself_is_called_as_its_file():
+def test_simulating_script_is_named_like_its_file():
     with scripting.simulate() as robot:
         robot.wait_time(0.01)
     assert robot.trace.meta['program'] == 'test_script'
 
 
-def test_step_by_step_somebody_is_asked_before_each_move_of_a_robot_at_rest():
+def test_stepping_asks_before_each_move_of_a_robot_at_rest():
     asked = []
     with scripting.simulate() as robot:
         robot.step_by_step(
@@ -169,7 +169,7 @@ def test_step_by_step_a_turn_of_the_tool_is_asked_for_too():
         'from own_main import *',
     ],
 )
-def test_a_function_main_may_come_from_anywhere(folder, text):
+def test_function_main_may_be_imported_from_anywhere(folder, text):
     (folder / 'own_parts.py').write_text('x = 1')
     (folder / 'own_main.py').write_text('def main(robot): pass')
     (folder / 'other.py').write_text(text)

@@ -1,4 +1,4 @@
-"""Facts about a controller that knows how its arms are built: five figures of each arm, calibrated."""
+"""Tests of a controller that knows how its arms are built: five figures of each arm, calibrated."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_a_controller_that_knows_its_arms_sees_the_true_tcp(crooked, program):
     assert off_m(knowing).max() < SEEN_M
 
 
-def test_it_moves_the_true_tcp_where_the_program_says(crooked, program):
+def test_true_tcp_moves_to_the_programmed_position(crooked, program):
     knowing = run(program, crooked.replace(**CORRECTIONS))
     assert np.linalg.norm(knowing['tcp_true'][-1] - program.start_m) < 2e-6
     assert np.linalg.norm(run(program, crooked)['tcp_true'][-1] - program.start_m) > 1e-4
@@ -74,7 +74,7 @@ def test_drives_count_from_the_calibrated_zero_point(robot):
     ]
 
 
-def test_every_arm_has_a_zero_angle_of_its_own(robot):
+def test_every_arm_has_its_own_zero_angle(robot):
     for arm in range(3):
         zero_deg = [0.0, 0.0, 0.0]
         zero_deg[arm] = 0.1

@@ -1,4 +1,4 @@
-"""Facts about a robot in a cell: it carries what it really has, and without a cell nothing is otherwise."""
+"""Tests of a robot in a cell: it carries what it really has, and without a cell nothing is otherwise."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_each_signal_of_a_cell_is_what_it_is_called(trace):
     assert not trace['cell_inputs'][:, 2:].any()
 
 
-def test_a_cup_too_small_for_the_acceleration_loses_every_part_and_says_by_which_force():
+def test_undersized_cup_loses_every_part_and_reports_the_force():
     lost = d3.simulate('packaging', cell=packaged(diameter_mm=45)).meta['cell']
     assert lost['outcomes']['lost'] == 10
     assert all(part['reason'].startswith('it slid off: it needed ') for part in lost['parts'][:10])

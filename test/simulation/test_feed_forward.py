@@ -1,4 +1,4 @@
-"""Facts about what feed-forward of the whole model reaches: small errors, no higher currents, and stops as before."""
+"""Tests of what feed-forward of the whole model reaches: small errors, no higher currents, and stops as before."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def picks():
     ('backlash', 'encoders_mm', 'most_mm', 'rms_mm', 'peak'),
     [(0.0, 0.098, 0.18, 0.105, 1.09), (1.0, 0.129, 0.135, 0.052, 1.14)],
 )
-def test_who_knows_what_the_gears_give_is_far_nearer_on_the_encoders_and_at_the_tcp(
+def test_compensated_elastic_gears_reduce_encoder_and_tcp_errors(
     backlash, encoders_mm, most_mm, rms_mm, peak, picks
 ):
     driven, (before, robot) = picks
@@ -179,7 +179,7 @@ def test_with_masses_30_percent_wrong_it_is_better_than_without(share, built, la
     assert found.tcp_error_rms_m < rms * before.tcp_error_rms_m
 
 
-def test_the_torque_command_is_a_signal_of_those_who_send_it(robot):
+def test_torque_command_is_a_signal_of_controllers_that_send_it(robot):
     program = programs.load('experiment1', robot.motion)
     assert 'torque_command' not in run(program, robot).signals
     trace = run(program, robot.replace(**MODEL))
@@ -200,7 +200,7 @@ def test_the_torque_command_is_a_signal_of_those_who_send_it(robot):
     ],
     ids=lambda fault: f'{fault["fault"]} {fault.get("cycles", "")}',
 )
-def test_a_robot_with_faults_comes_to_rest_as_without_the_model(fault, robot):
+def test_faulted_robot_comes_to_rest_as_without_the_model(fault, robot):
     document = {
         'moves': [{'move_l': {'to_m': [0.3, 0.1, -0.85], 'speed_m_s': 1.0}}],
         'faults': [fault],

@@ -1,4 +1,4 @@
-"""Facts about the figures of a run: each is what its name says, by an independent computation from the trace."""
+"""Tests of the figures of a run: each is what its name says, by an independent computation from the trace."""
 
 import math
 
@@ -89,7 +89,7 @@ def test_the_largest_following_error_may_be_of_either_sign(trace, robot):
         assert task.figures().following_error_max_rad == pytest.approx(3.75e-3, rel=1e-6)
 
 
-def test_the_final_tcp_is_where_the_encoders_say_that_the_robot_is_not_where_it_should_be(robot):
+def test_final_tcp_shows_a_robot_off_its_target_by_the_encoders(robot):
     drift = {'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.05, 'after_s': 0.2}
     trace = run(robot, drift, moves=[*BENT['moves'], {'dwell': {'time_s': 0.01}}])
     assert trace.meta['stopped'] == ''
@@ -99,7 +99,7 @@ def test_the_final_tcp_is_where_the_encoders_say_that_the_robot_is_not_where_it_
     assert np.linalg.norm(final - trace['tcp_command'][-1]) > 1e-8  # standing, a few increments off
 
 
-def test_a_robot_that_does_not_follow_is_not_told_to_be_where_it_should(robot):
+def test_robot_that_does_not_follow_is_not_reported_at_its_target(robot):
     task = Transformation(robot)
     home = kinematics.inverse(robot.motion.home_m, robot.kinematics) * GEAR
     task.locate(home)
@@ -117,7 +117,7 @@ def test_a_robot_that_does_not_follow_is_not_told_to_be_where_it_should(robot):
 
 
 @pytest.mark.parametrize('rich', [False, True])
-def test_a_trace_tells_of_which_robot_it_is_and_how_it_was_simulated(rich, robot):
+def test_trace_names_its_robot_and_simulation(rich, robot):
     built = (parameters.load('rich') if rich else robot).replace(
         bus__cycle_time_s=2e-3, bus__exchange_period_s=250e-6, dynamics__gear_in=30.0
     )
@@ -132,7 +132,7 @@ def test_a_trace_tells_of_which_robot_it_is_and_how_it_was_simulated(rich, robot
     assert trace.meta['end_cycle'] - trace.meta['start_cycle'] == math.ceil(trace.meta['program_s'] / 2e-3)
 
 
-def test_lost_answers_of_all_axes_are_told(robot):
+def test_lost_ats_of_all_axes_are_reported(robot):
     lost = [
         {'fault': 'drop_at', 'axis': axis, 'after_s': 0.1 * n}
         for n, axis in enumerate(('axis1', 'axis1', 'axis2', 'axis3'), 1)

@@ -1,4 +1,4 @@
-"""Facts about how runs end: the robot is in position, or they fail with a sentence."""
+"""Tests of how runs end: the robot is in position, or they fail with a sentence."""
 
 import json
 import math
@@ -97,7 +97,7 @@ def test_an_exact_stop_that_waits_holds_the_motion_until_the_robot_is_there(robo
     assert off(heavy)[seen - robot.in_position_cycles] > window
 
 
-def test_a_plan_tells_the_shortest_wait(robot):
+def test_plan_reports_the_shortest_wait(robot):
     quick, waits = (
         plan(robot, [to(0.1, 0.0, -0.8, in_position=p), to(0.0, 0.0, -0.8)]) for p in (False, True)
     )
@@ -156,7 +156,7 @@ def impatient(tmp_path):
     return ['--parameters', f'delta3+{path}']
 
 
-def test_a_simulation_whose_robot_is_not_in_position_says_so_and_fails(impatient, tmp_path, capsys):
+def test_simulation_that_misses_its_position_reports_it_and_fails(impatient, tmp_path, capsys):
     path, trace = tmp_path / 'heavy.yaml', tmp_path / 'heavy.npz'
     path.write_text(HEAVY)
     assert main(['simulate', str(path), '--json', '--trace', str(trace), *impatient]) == 1
@@ -168,7 +168,7 @@ def test_a_simulation_whose_robot_is_not_in_position_says_so_and_fails(impatient
     assert trace.exists()  # what went wrong can be looked at
 
 
-def test_a_simulation_whose_robot_comes_into_position_succeeds(tmp_path, capsys):
+def test_simulation_that_reaches_its_position_succeeds(tmp_path, capsys):
     path = tmp_path / 'heavy.yaml'
     path.write_text(HEAVY)
     assert main(['simulate', str(path), '--json', *THESIS]) == 0

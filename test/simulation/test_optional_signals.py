@@ -1,4 +1,4 @@
-"""Facts about signals of a simulation on request: they are what the machine does, and it does not notice them."""
+"""Tests of signals of a simulation on request: they are what the machine does, and it does not notice them."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def pair(robot):
     return simulation.run(program, robot), simulation.run(program, robot, signals=EVERYTHING)
 
 
-def test_who_asks_gets_the_same_run_and_what_was_asked_for(pair):
+def test_requested_signals_are_added_to_the_same_run(pair):
     plain, asked = pair
     assert asked.signals.keys() == {*plain.signals, *EVERYTHING}
     for name, values in plain.signals.items():
@@ -31,7 +31,7 @@ def test_who_asks_gets_the_same_run_and_what_was_asked_for(pair):
         assert asked[name].shape == (len(asked.time_s), quantities.width(name)), name
 
 
-def test_outputs_and_payload_change_when_the_plan_says(pair):
+def test_outputs_and_payload_change_as_planned(pair):
     _, trace = pair
     start_s = trace.meta['start_cycle'] * trace.meta['cycle_time_s']
     changed = np.flatnonzero(np.diff(trace['outputs'][:, 0])) + 1
@@ -69,7 +69,7 @@ def test_every_channel_is_a_signal_with_its_unit():
     assert quantities.headings('drive_state') == ['drive_state_1', 'drive_state_2', 'drive_state_3']
 
 
-def test_lost_telegrams_are_counted_and_a_fault_is_told_from_its_cycle_on(robot):
+def test_lost_telegrams_are_counted_and_a_fault_is_reported_from_its_cycle_on(robot):
     faults = [
         {'fault': 'drop_at', 'axis': 'axis2', 'after_s': 0.05, 'cycles': 1},
         {'fault': 'emergency_stop', 'after_s': 0.2},

@@ -1,4 +1,4 @@
-"""Facts about a robot that turns its tool, in the simulation: the turn stays with the path, its drive is the fourth."""
+"""Tests of a robot that turns its tool, in the simulation: the turn stays with the path, its drive is the fourth."""
 
 import math
 
@@ -138,7 +138,7 @@ def test_where_moves_end_is_known_at_an_override(machine):
     assert task.figures().turns[0].place_error_max_rad == pytest.approx(wanted, rel=1e-6)
 
 
-def test_a_second_program_has_figures_of_its_own(machine):
+def test_second_program_has_separate_figures(machine):
     stepped, _, task = operation(machine, LINE)
     stepped.go_to(task.last_cycle + 1)
     assert task.figures().turns[0].error_max_rad > 1e-5
@@ -166,7 +166,7 @@ def test_the_axis_needs_the_current_that_its_inertia_and_friction_ask_for(turned
     assert np.abs(current).max() == pytest.approx(most + friction, rel=0.15)
 
 
-def test_feed_forward_of_the_model_makes_the_axis_more_exact_on_the_way():
+def test_model_feed_forward_reduces_the_error_during_motion():
     errors = []
     for name in ('delta3', 'model'):
         machine = parameters.load(name).replace(rotary__present=True)
@@ -182,7 +182,7 @@ def test_a_compiled_stretch_gives_the_bits_of_single_bus_cycles(turned, machine)
     assert one_by_one.meta['figures'] == turned.meta['figures']
 
 
-def test_the_tool_stands_where_the_program_starts(machine):
+def test_tool_is_at_the_start_of_the_program(machine):
     moves = [{'turn': {'to_deg': -20}}]
     trace = simulation.run(program(moves, machine, start_turn_deg=25), machine)
     angles = np.degrees(trace['turn_true'][:, 0])
@@ -311,7 +311,7 @@ def test_one_lost_telegram_of_the_fourth_axis_is_bridged(machine):
     assert math.degrees(trace['turn_true'][-1, 0]) == pytest.approx(180.0, abs=0.02)
 
 
-def test_a_fault_of_an_axis_that_is_not_there_is_refused(machine):
+def test_a_fault_of_an_axis_that_is_not_there_is_rejected(machine):
     robot = machine.replace(rotary__present=False)
     faults = [{'fault': 'drop_at', 'axis': 'axis4', 'after_s': 0.2}]
     with pytest.raises(ProgramError, match='drop_at axis4: the robot has no axis4 for a rotary axis'):
@@ -324,7 +324,7 @@ def test_controller_and_machine_must_both_have_the_axis(machine):
         SimulatedOperation(Robot(without), Transformation(machine), (), machine)
 
 
-def test_a_plan_from_where_the_tool_does_not_stand_is_not_loaded(machine):
+def test_plan_from_another_tool_angle_is_not_loaded(machine):
     one = program(LINE, machine)
     plan = program_planner.plan(one, PICK, machine, turns_rad=(0.5,)).plan
     with pytest.raises(ProgramError, match=r'begins with the tool at 28\.6479 deg, but it is at 0 deg'):

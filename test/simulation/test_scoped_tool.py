@@ -1,4 +1,4 @@
-"""Facts about an oscilloscope in the drive of the rotary axis, in the simulation."""
+"""Tests of an oscilloscope in the drive of the rotary axis, in the simulation."""
 
 import numpy as np
 import pytest

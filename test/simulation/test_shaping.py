@@ -1,4 +1,4 @@
-"""Facts about the built robot after a stop: input shaping leaves little of its vibration, at its true TCP."""
+"""Tests of the built robot after a stop: input shaping leaves little of its vibration, at its true TCP."""
 
 import json
 import math
@@ -93,7 +93,7 @@ def test_what_creeps_does_not_swing():
     assert swing_m(creeps + rings[:, None] * [0.0, 0.0, 1.0]) == pytest.approx(1.2, abs=0.2)
 
 
-def test_a_robot_that_does_not_stand_long_enough_is_refused(built):
+def test_robot_without_a_sufficient_standstill_is_rejected(built):
     program = parse(built, [to(*END, **QUICK)], start_m=list(START))
     trace = simulation.run(program, built)
     with pytest.raises(TraceError, match=r'must be at rest for 0\.15 s'):
@@ -138,7 +138,7 @@ def test_a_plan_predicts_the_swing_that_the_built_robot_shows(file, built):
     assert found.text.startswith('move 1: the TCP swings by 0.03')
 
 
-def test_plan_prints_the_prediction_and_refuses_one_without_shaping(tmp_path, capsys):
+def test_plan_prints_the_prediction_and_rejects_one_without_shaping(tmp_path, capsys):
     file = tmp_path / 'shaped.yaml'
     file.write_text('/**:\n  ros__parameters:\n    control:\n      shaping: modes\n')
     assert plan_command.main(['packaging', '--parameters', f'model+{file}', '--vibration', '--json']) == 0

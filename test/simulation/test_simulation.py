@@ -1,4 +1,4 @@
-"""Facts about whole runs of the machine without ROS: experiment 1, its errors and currents, and that bits repeat."""
+"""Tests of whole runs of the machine without ROS: experiment 1, its errors and currents, and that bits repeat."""
 
 import json
 import math
@@ -186,7 +186,7 @@ def test_a_program_beyond_a_limit_moves_nothing(robot):
         run(programs.parse({'moves': [{'move_l': {'to_m': [0.9, 0, -0.8]}}]}, robot.motion), robot)
 
 
-def test_the_robot_stands_still_while_it_is_not_enabled(robot):
+def test_robot_is_at_rest_while_it_is_not_enabled(robot):
     standing = Robot(robot)
     start = standing.plant.shafts()[:6]
     commands = np.array(standing.encoder_positions())
@@ -231,7 +231,7 @@ def test_a_trace_file_that_was_cut_off_or_damaged_gets_one_sentence(trace, tmp_p
 
 
 @pytest.mark.parametrize('content', [None, b'', b'not an archive', b'PK\x05\x06' + bytes(18)])
-def test_what_is_no_trace_file_gets_one_sentence(content, tmp_path):
+def test_invalid_trace_file_gets_one_sentence(content, tmp_path):
     path = tmp_path / 'run.npz'
     if content is not None:
         path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""Facts about time-optimal moves of the coupled robot: drives, motors and arms keep what the plan has promised."""
+"""Tests of time-optimal moves of the coupled robot: drives, motors and arms keep what the plan has promised."""
 
 import numpy as np
 import pytest

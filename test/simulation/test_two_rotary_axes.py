@@ -1,4 +1,4 @@
-"""Facts about a robot of five axes: two rotary axes turn the tool with the same code as one."""
+"""Tests of a robot of five axes: two rotary axes turn the tool with the same code as one."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Facts about the modules of a study: model, data, report and figures, run, each imported only by what comes after."""
+"""Tests of the modules of a study: model, data, report and figures, run, each imported only by what comes after."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Facts about the real executables: the shared fixtures are those of ``support/robots.py``."""
+"""Tests of the real executables: the shared fixtures are those of ``support/robots.py``."""
 
 import pytest
 

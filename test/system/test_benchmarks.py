@@ -1,4 +1,4 @@
-"""Facts about ``delta3 bench``: every kind and every case runs once for about a second, as a user calls it."""
+"""Tests of ``delta3 bench``: every kind and every case runs once for about a second, as a user calls it."""
 
 import json
 import subprocess

@@ -57,7 +57,7 @@ def test_arms_swing_along_a_trajectory_and_back(up: None) -> None:
 
 
 @pytest.mark.long
-def test_moves_are_sent_while_the_robot_moves_and_each_is_told_to_its_end(up: None) -> None:
+def test_moves_sent_during_motion_are_each_reported_to_their_end(up: None) -> None:
     *answers, states = run('stream_of_moves')
     assert answers[0].startswith('started "program": 1 move')
     assert all(' statements follow, ' in answer or answer.startswith('started') for answer in answers[1:])

@@ -13,7 +13,7 @@ from delta3_pacdrive.errors import RunError
 
 
 @pytest.mark.long
-def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
+def test_nodes_give_the_report_of_the_simulation_except_unpublished_values(
     tmp_path: Path, delta3: Callable[..., subprocess.CompletedProcess[str]], nothing_left_behind: None
 ) -> None:
     done = delta3(

@@ -150,7 +150,7 @@ def test_a_program_of_a_soak_is_replayed_in_real_time(delta3: Runner, nothing_le
     assert row['survived'] == row['injected']
 
 
-def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_left_behind: None) -> None:
+def test_soak_too_short_for_a_program_fails(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--minutes', '0.001', '--pace', 'fast')
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == 'error: fast: no program was completed within 0.001 minutes'
@@ -193,7 +193,7 @@ def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
 
 
 @pytest.mark.long
-def test_a_robot_that_is_up_is_disturbed_and_goes_on(
+def test_running_robot_continues_after_disturbances(
     start_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:
     """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
@@ -233,7 +233,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     assert 'overruns' in output
 
 
-def test_a_soak_that_is_ended_early_tells_the_figures_until_then(
+def test_interrupted_soak_reports_its_figures_so_far(
     start_delta3: Callable[..., subprocess.Popen[str]], graph: Any, nothing_left_behind: None
 ) -> None:
     states = graph.listen(String, 'motion/state', LATCHED)

@@ -151,7 +151,7 @@ def test_joint_motion_on_line_has_the_bits_that_a_trace_gives(
 
 
 @pytest.mark.long
-def test_what_a_bag_tells_when_it_changes_is_what_a_simulation_notes(
+def test_bag_and_simulation_record_the_same_changes(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     robot = parameters.load(parameters.of_run(None, 'packaging'))

@@ -91,7 +91,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     assert said('program', str(program)).endswith('not followed: a fault has dropped them')
 
 
-def test_a_robot_to_which_they_do_not_belong_does_not_come_up(
+def test_robot_of_other_learned_torques_does_not_start(
     program: Path, delta3: Runner, nothing_left_behind: None
 ) -> None:
     file = program.with_suffix('.npz')

@@ -198,9 +198,7 @@ def robot(nothing_left_behind: None) -> Iterator[Robot]:
 
 
 @pytest.mark.parametrize('rounds', some([1, 30], [1]))
-def test_a_robot_whose_processes_do_not_hear_each_other_for_4_s_is_in_cyclic_operation_again(
-    robot: Robot, rounds: int
-) -> None:
+def test_robot_returns_to_cyclic_operation_after_4_s_without_communication(robot: Robot, rounds: int) -> None:
     chance = random.Random(4)
     assert robot.back()['fault'] == ''
     pairs = [(a, b) for a in PROCESSES for b in PROCESSES if a != b]

@@ -32,7 +32,7 @@ def process_of(namespace: str, name: str, numbers: list[int]) -> int:
     return found
 
 
-def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
+def test_two_robots_respond_together_and_one_outlives_the_other(
     start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     processes: Callable[[], list[str]],
@@ -83,7 +83,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
 
 
 @pytest.mark.long
-def test_a_robot_that_stands_still_makes_one_of_the_same_clock_wait(
+def test_stopped_robot_makes_others_of_the_same_clock_wait(
     start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     processes: Callable[[], list[str]],

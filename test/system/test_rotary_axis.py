@@ -1,4 +1,4 @@
-"""Facts about a robot with a rotary axis that is up, from the command line: its processes, what it does and tells."""
+"""Tests of a robot with a rotary axis that is up, from the command line: its processes, what it does and tells."""
 
 import signal
 import subprocess
@@ -11,7 +11,7 @@ from robots import PACE
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 
-def test_a_tool_turns_on_a_robot_that_is_up_and_is_where_it_is_told_to_be(
+def test_tool_of_a_running_robot_turns_to_its_commanded_angle(
     start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     tmp_path: Path,

@@ -214,7 +214,7 @@ def test_a_robot_that_is_ended_brakes_first(
 
 
 @pytest.mark.long
-def test_a_second_robot_in_another_namespace_runs_beside_the_first(light_run: tuple, delta3: Runner) -> None:
+def test_second_robot_runs_in_another_namespace(light_run: tuple, delta3: Runner) -> None:
     process, _ = light_run
     done = delta3('run', '--namespace', 'cell2', '--single-process', '--json')
     assert done.returncode == 0, done.stderr
@@ -260,7 +260,7 @@ def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runn
 
 
 @pytest.mark.long
-def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
+def test_robot_too_fast_for_the_machine_yields(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     program = tmp_path / 'rounds.yaml'
@@ -290,7 +290,7 @@ def policies_of(processes: list[str]) -> set[int]:
     return found
 
 
-def test_who_may_not_schedule_in_real_time_is_told_how_to_get_it_and_the_robot_runs(
+def test_missing_real_time_permission_is_explained_and_the_robot_runs(
     start_delta3: Callable[..., subprocess.Popen[str]],
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
@@ -307,7 +307,7 @@ def test_who_may_not_schedule_in_real_time_is_told_how_to_get_it_and_the_robot_r
 
 
 @pytest.mark.real_time
-def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) -> None:
+def test_child_with_lower_priority_has_no_real_time_thread(tmp_path: Path) -> None:
     code = (
         'import threading, time\n'
         'threading.Thread(target=time.sleep, args=(60,)).start()\n'

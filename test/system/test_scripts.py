@@ -288,7 +288,7 @@ def test_a_script_that_is_killed_leaves_the_robot_in_a_stop_that_an_abort_leads_
     up.await_state('idle')
 
 
-def test_ctrl_c_holds_the_robot_and_says_how_to_go_on(up: Up, tmp_path: Path, delta3: Runner) -> None:
+def test_ctrl_c_holds_the_robot_and_explains_how_to_continue(up: Up, tmp_path: Path, delta3: Runner) -> None:
     process = up.start(200, tmp_path)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60.0)

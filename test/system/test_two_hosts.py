@@ -65,7 +65,7 @@ def received(hosts: tuple[Host, Host, Link], conditions: Conditions) -> list[int
 
 
 @pytest.mark.long
-def test_the_link_loses_repeats_and_mixes_up_as_many_packets_as_it_is_told_to(
+def test_link_loses_repeats_and_reorders_the_requested_packets(
     hosts: tuple[Host, Host, Link],
 ) -> None:
     assert received(hosts, Conditions()) == list(range(MESSAGES))

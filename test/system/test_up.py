@@ -89,7 +89,7 @@ def robot(up: Up) -> subprocess.Popen[str]:
     return up.process
 
 
-def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
+def test_running_robot_has_the_model_based_controller_and_reports_it(
     up: Up, start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     assert up.controller == f'controller: {parameters.load("model").controller}\n'
@@ -103,7 +103,7 @@ def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
     assert open_bag(tmp_path / 'bag').meta['controller'] == parameters.load('model').controller
 
 
-def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Popen, delta3: Runner) -> None:
+def test_moves_are_driven_and_rejected_from_the_command_line(robot: subprocess.Popen, delta3: Runner) -> None:
     done = delta3('move', 'l', '0.1', '0', '-0.8', '--json')
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -145,7 +145,7 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
     'number',
     some([signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL], [signal.SIGINT, signal.SIGKILL]),
 )
-def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
+def test_interrupted_move_command_leaves_the_robot_at_rest_on_its_path(
     number: signal.Signals, robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:
     client = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
@@ -184,7 +184,7 @@ raise SystemExit(main(['record', 'bag']))
 """
 
 
-def test_who_records_goes_before_other_ordinary_processes(tmp_path: Path) -> None:
+def test_recorder_has_priority_over_ordinary_processes(tmp_path: Path) -> None:
     command = [sys.executable, '-P', '-c', RECORDS]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60.0)
     expected = PREFERRED_NICENESS if real_time_is_permitted() else os.getpriority(os.PRIO_PROCESS, 0)
@@ -198,7 +198,7 @@ def test_a_client_that_detaches_leaves_the_robot_moving(robot: subprocess.Popen,
     assert states[0]['tcp_m'][0] < states[2]['tcp_m'][0]
 
 
-def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over(
+def test_a_second_client_is_rejected_by_the_name_of_the_first_until_it_takes_over(
     robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:
     first = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
@@ -230,7 +230,7 @@ def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
 
 
 @pytest.mark.long
-def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Runner, tmp_path: Path) -> None:
+def test_options_apply_to_programs_too(robot: subprocess.Popen, delta3: Runner, tmp_path: Path) -> None:
     program = tmp_path / 'line.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0, -0.75], speed_m_s: 1.0}}]')
     freely = delta3('move', 'program', program, '--queue').stdout
@@ -247,7 +247,7 @@ def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Run
     assert delta3('move', 'clear').returncode == 0
 
 
-def test_limits_of_a_single_move_are_obeyed(robot: subprocess.Popen, delta3: Runner) -> None:
+def test_limits_of_a_single_move_are_applied(robot: subprocess.Popen, delta3: Runner) -> None:
     def seconds(*options: str) -> float:
         done = delta3('move', 'l', '0.3', '0', '-0.8', '--speed', '1', *options, '--queue')
         assert done.returncode == 0, done.stderr

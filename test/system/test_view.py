@@ -155,7 +155,7 @@ def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
 
 
 @pytest.mark.long
-def test_the_page_goes_on_with_a_robot_that_was_started_again(
+def test_page_continues_with_a_restarted_robot(
     start_delta3: Any, nothing_left_behind: None, browser: Any
 ) -> None:
     first = start_delta3('up', *SLOW)
@@ -175,7 +175,7 @@ def test_the_page_goes_on_with_a_robot_that_was_started_again(
 
 
 @pytest.mark.long
-def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
+def test_robot_and_page_start_together_and_the_robot_outlives_the_page(
     start_delta3: Any,
     nothing_left_behind: None,
     processes: Callable[[], list[str]],
@@ -262,7 +262,7 @@ def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_l
 
 
 @pytest.mark.long
-def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_drive(
+def test_oscilloscope_of_the_page_shows_samples_and_other_users_of_a_drive(
     url: str, browser: Any, start_delta3: Any
 ) -> None:
     with Visit(browser, url, height=1000) as visit:

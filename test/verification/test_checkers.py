@@ -1,4 +1,4 @@
-"""Facts about the checkers: each is shown a broken robot and says so, and a sound one and says nothing."""
+"""Tests of the checkers: each is shown a broken robot and says so, and a sound one and says nothing."""
 
 import math
 from dataclasses import replace
@@ -104,7 +104,7 @@ def test_a_sound_robot_violates_nothing(invariants, said, robot):
         ([100, 101, 103], 'bus cycle 103 after 101'),
     ],
 )
-def test_bus_time_that_stands_goes_back_or_jumps_is_a_violation(cycles, violated, invariants, said, robot):
+def test_stopped_reversed_or_jumping_bus_time_is_a_violation(cycles, violated, invariants, said, robot):
     one = telegrams(shafts_at([HOME] * 3, robot))
     invariants.check(SHAFTS, replace(one, cycles=np.array(cycles)))
     assert said == [(f'{SHAFTS}: {violated}', cycles[-1])]
@@ -120,7 +120,7 @@ def test_bus_time_that_stands_goes_back_or_jumps_is_a_violation(cycles, violated
         ([100, 101, 103], [7, 8, 1], 0, 1),  # a sender that began anew is none that was not heard
     ],
 )
-def test_what_the_reader_has_missed_is_no_violation_and_is_counted(
+def test_messages_missed_by_the_reader_are_counted_and_not_violations(
     cycles, numbers, unseen, violations, invariants, said, robot
 ):
     one = telegrams(shafts_at([HOME] * 3, robot))
@@ -216,7 +216,7 @@ def test_what_a_robot_does_that_stops_hard_is_allowed(invariants, said, robot):
     assert said == []
 
 
-def test_shafts_whose_commands_nobody_has_heard_are_allowed_to_be_anywhere(invariants, said, robot):
+def test_shafts_without_received_commands_may_be_anywhere(invariants, said, robot):
     recorded = sound(robot)
     late = recorded[MDT]
     recorded[MDT] = Telegrams(
@@ -288,7 +288,7 @@ def test_memory_grows_too_fast_when_the_whole_interval_exceeds_5_mb_in_100_000_c
     assert bool(said) == violated
 
 
-def test_the_growth_of_memory_is_that_of_a_line_whatever_single_samples_say():
+def test_growth_of_memory_is_that_of_a_line_despite_single_samples():
     chance = np.random.default_rng(7)
     cycles = np.arange(0, 400_000, 2_000)
     for slope in (0.0, 3.0, 8.0):
@@ -298,14 +298,14 @@ def test_the_growth_of_memory_is_that_of_a_line_whatever_single_samples_say():
         assert growth.cycles == 398_000
 
 
-def test_too_few_samples_say_nothing_about_the_growth_of_memory():
+def test_too_few_samples_do_not_judge_the_growth_of_memory():
     assert growth_of([], []).cycles == 0
     assert growth_of(list(range(15)), [1.0] * 15).cycles == 0
     assert growth_of([7] * 20, [1.0] * 20).cycles == 0
     assert growth_of(list(range(16)), [1.0] * 16).cycles == 15
 
 
-def test_a_soak_holds_every_telegram_that_comes_against_the_invariants(robot):
+def test_soak_checks_every_telegram_against_the_invariants(robot):
     figures = Figures(programs=1)
 
     def violate(sentence, cycle):
@@ -349,7 +349,7 @@ def record(**changes):
     return AxisRecord(**fields | changes)
 
 
-def test_evidence_says_nothing_of_a_sound_axis():
+def test_evidence_is_empty_for_a_sound_axis():
     for evidence in (misread, sagged, burdened, loaded):
         assert evidence(record()) == '', evidence.__name__
     # a shaft that its motor turns does not sag; one that hangs in its brake without torque stands
@@ -361,7 +361,7 @@ def test_evidence_says_nothing_of_a_sound_axis():
     assert loaded(record(coupling=np.full(QUIET, -0.9))) == ''
 
 
-def test_evidence_says_what_is_off_and_by_how_much():
+def test_evidence_names_deviation_and_amount():
     assert misread(record(read=np.linspace(0.0, -0.05, QUIET))) == 'reads up to 0.0500 rad wrong'
     falls = record(torque=np.zeros(QUIET), speed=np.linspace(0.0, -3.0, QUIET))
     assert sagged(falls) == 'turns at 3.0 rad/s under its brake'
@@ -421,7 +421,7 @@ def test_a_case_is_as_expected_if_it_led_to_that_was_seen_and_was_overcome(outco
     assert outcome.to_row()['ok'] is expected
 
 
-def test_the_catalogue_says_what_each_fault_leads_to_in_each_state():
+def test_catalogue_gives_the_outcome_of_each_fault_in_each_state():
     every = {case.line: case for case in cases()}
     assert every['kill unit_robot moving'].expected == 'unit_robot'
     assert every['kill unit_robot standing'].expected == ''
@@ -496,7 +496,7 @@ class Operated(AutomatedOperator):
         ('error', '8171', False, True),
     ],
 )
-def test_a_robot_stands_when_nothing_moves_any_more(state, fault, in_torque, stands):
+def test_robot_is_at_rest_when_nothing_moves(state, fault, in_torque, stands):
     assert Operated(state, fault, in_torque).is_at_rest() is stands
 
 

@@ -135,7 +135,7 @@ def test_a_mutated_telegram_is_seen_with_its_cycle(
     assert abs(seen[0][1] - FIRST - 20) <= 1
 
 
-def test_bus_time_may_go_on_only_where_the_bus_was_phased_up(
+def test_bus_time_advances_only_after_phase_up(
     rules: invariants.Invariants, seen: list[tuple[str, int]]
 ) -> None:
     telegrams = healthy()[MDT]
@@ -206,7 +206,7 @@ def info(number: int) -> dict[str, int]:
     return {'received_timestamp': number, 'publication_sequence_number': 100 + number}
 
 
-def test_a_telegram_that_cannot_be_read_is_refused() -> None:
+def test_a_telegram_that_cannot_be_read_is_rejected() -> None:
     refused: list[str] = []
     data = CODECS[MDT].encode((1, 0), b'x' * 46 + b'3fa9', [1.0, 2.0, 3.0])
     taken = [(data, info(5_000_000_000)), (data[:-8], info(6_000_000_000)), (data, info(7_000_000_000))]
@@ -241,7 +241,7 @@ def test_telegrams_of_cyclic_operation_are_read_from_its_first_cycle_on_and_join
     assert read(taken[:1]) is None
 
 
-def test_drives_are_enabled_in_the_cycle_behind_the_newest_order() -> None:
+def test_drives_are_enabled_in_the_cycle_after_the_latest_command() -> None:
     def from_orders(*controls: int) -> int:
         frames = [mdt_frame(Phase.CP4, control, 0.0, b'3fa9') for control in controls]
         cycles = np.arange(100, 100 + len(frames))
@@ -321,7 +321,7 @@ def test_injected_losses_are_counted_by_axis() -> None:
     assert drawn.last_fault_s == 0.3
 
 
-def test_ten_megabytes_of_its_own_are_the_growth_of_a_process_and_those_of_a_file_are_not(tmp_path):
+def test_ten_private_megabytes_count_as_growth_and_mapped_files_do_not(tmp_path):
     path = tmp_path / 'file'
     path.write_bytes(b'\1' * 10_000_000)
     resident, own = memory_mb(os.getpid())

@@ -1,4 +1,4 @@
-"""Facts about what the catalogue of faults and the soak print: each number in its unit, each failure with a reason."""
+"""Tests of what the catalogue of faults and the soak print: each number in its unit, each failure with a reason."""
 
 import json
 
@@ -53,7 +53,7 @@ def test_a_case_is_printed_with_times_and_ways_in_their_units(judged, capsys):
     assert printed[-1] == '1 of 8 cases, 1 as expected; * in the exercise'
 
 
-def test_a_case_that_went_otherwise_says_so_and_the_command_fails(judged, capsys):
+def test_failed_case_is_reported_and_fails_the_command(judged, capsys):
     never = Outcome(LOST, evidence='reads wrong', problem='')
     judged(GOOD, never)
     assert faults.main(['--short']) == 1
@@ -135,7 +135,7 @@ def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
     ]
 
 
-def test_a_short_soak_says_nothing_about_the_growth_of_memory(soaked, capsys):
+def test_short_soak_does_not_judge_the_growth_of_memory(soaked, capsys):
     pace = soaked(growth_mb=None, growth_half_width_mb=None)
     assert soak.main(['--pace', pace]) == 0
     assert '; too few programs to estimate the growth of private memory' in capsys.readouterr().out
@@ -168,7 +168,7 @@ FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n
         ({'violations': [FOUND]}, 'the soak found violations'),
     ],
 )
-def test_a_soak_that_is_not_ok_says_why(changes, reason, soaked, capsys):
+def test_failed_soak_reports_the_reason(changes, reason, soaked, capsys):
     pace = soaked(**changes)
     assert soak.main(['--pace', pace]) == 1
     captured = capsys.readouterr()

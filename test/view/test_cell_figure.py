@@ -1,4 +1,4 @@
-"""Facts about the cell in three dimensions: where things and parts are, and that nothing is sent that is as it was."""
+"""Tests of the cell in three dimensions: where things and parts are, and that nothing is sent that is as it was."""
 
 import numpy as np
 import pytest
@@ -77,7 +77,7 @@ def test_parts_are_boxes_on_their_undersides():
     assert len(boxes(scene)[0]) == 0
 
 
-def test_nothing_is_sent_of_a_cell_that_stands_and_little_of_parts_that_move():
+def test_cell_at_rest_sends_nothing_and_moving_parts_little():
     scene = Scene()
     figure = CellFigure(scene, [BELT])
     lying = tuple(part(n) for n in range(10))
@@ -89,7 +89,7 @@ def test_nothing_is_sent_of_a_cell_that_stands_and_little_of_parts_that_move():
     assert scene.told == before + 2  # the marks of the belt, and the places of all parts
 
 
-def test_new_boxes_are_told_with_the_parts_they_stand_for_and_nothing_behind_them():
+def test_new_boxes_have_their_parts_in_front_and_nothing_behind():
     """A browser that is busy loses the colours of a message that follows right behind the boxes."""
     scene = Scene()
     figure = CellFigure(scene, [])
@@ -131,7 +131,7 @@ def test_the_marks_of_a_belt_go_with_its_surface_and_never_leave_it():
 
 
 @pytest.mark.parametrize('kind', [kind for kind in Kind if kind is not Kind.BELT])
-def test_everything_stands_where_it_is(kind):
+def test_every_object_is_at_its_position(kind):
     scene = Scene()
     CellFigure(scene, [Thing(kind, 'it', (0.3, -0.1, -0.85), TURN, (0.2, 0.1))])
     (node,) = [
@@ -158,7 +158,7 @@ def test_the_cell_and_the_names_in_it_are_switched_off_apart():
         assert {node.visible for node in scene.of('label')} == {cell and labels}
 
 
-def test_things_of_strangers_do_not_slow_a_browser_down():
+def test_objects_of_other_publishers_do_not_slow_a_browser_down():
     scene = Scene()
     empty = Thing(Kind.BELT, 'none', (0.0, 0.0, 0.0), 0.0, (0.0, 0.0), 1.0)
     endless = Thing(Kind.BELT, 'endless', (0.0, 0.0, 0.0), 0.0, (1e4, 0.3), 1.0)

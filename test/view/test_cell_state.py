@@ -1,4 +1,4 @@
-"""Facts about the cell of a robot that is up, from what is told of it: no message of a stranger counts."""
+"""Tests of the cell of a robot that is up, from what is told of it: no message of a stranger counts."""
 
 import json
 
@@ -119,7 +119,7 @@ def test_every_part_of_a_simulation_is_where_it_truly_is():
         parts(stay('lying'), stays=[]),
     ],
 )
-def test_what_is_no_message_of_a_cell_changes_nothing(text):
+def test_invalid_cell_message_changes_nothing(text):
     now = one_belt()
     now.take_parts(parts(stay('lying'), first=7))
     now.take_scene(text)
@@ -136,7 +136,7 @@ def test_the_newest_parts_are_shown():
     assert list(places(now)) == list(range(PARTS_MAX, 2 * PARTS_MAX))
 
 
-def test_parts_of_the_robot_before_are_not_there_and_those_of_the_new_one_are_in_whatever_order_they_come():
+def test_parts_of_the_previous_robot_disappear_and_new_ones_appear_in_any_order():
     now = one_belt()
     now.take_parts(parts(stay('lying')), sent_ns=10)
     now.take_parts(parts(stay('lying'), first=1), sent_ns=30)  # overtook the scene
@@ -148,7 +148,7 @@ def test_parts_of_the_robot_before_are_not_there_and_those_of_the_new_one_are_in
     assert now.at(1.0, TCP).parts == ()
 
 
-def test_a_belt_without_an_encoder_or_of_which_nothing_is_told_stands():
+def test_belt_without_encoder_or_readings_is_at_rest():
     now = one_belt()
     now.take_parts(parts(stay('riding')))
     now.take_scene(json.dumps(SCENE | {'things': [LINE | {'increments_per_m': 0.0}]}))

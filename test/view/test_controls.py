@@ -1,4 +1,4 @@
-"""Facts about what people can press, choose and move on the page, without a browser: what each thing asks for."""
+"""Tests of what people can press, choose and move on the page, without a browser: what each thing asks for."""
 
 import asyncio
 import json
@@ -57,7 +57,7 @@ ASKED = {
 
 @pytest.mark.parametrize('by_force', [False, True])
 @pytest.mark.parametrize(('name', 'value', 'command'), [(*key, command) for key, command in ASKED.items()])
-def test_each_button_asks_for_what_it_says(name, value, command, by_force, panel):
+def test_each_button_sends_its_request(name, value, command, by_force, panel):
     panel.gui['take control over'].value = by_force
     panel.gui[name].use(value)
     assert panel.commands == [UiCommand(*command, by_force)]
@@ -250,7 +250,7 @@ def pressed(player, name, value):
     ('word', 'time_s', 'playing'),
     [('Pause', 0.020, False), ('+1', 0.022, False), ('-1', 0.018, False), ('Begin', 0.0, False)],
 )
-def test_each_button_of_a_player_goes_where_it_says(word, time_s, playing, player, monkeypatch):
+def test_each_button_of_a_player_goes_to_its_position(word, time_s, playing, player, monkeypatch):
     monkeypatch.setattr(playback.Clock, 'advance', lambda *_: None)
     clock = pressed(player, 'play', word)
     assert clock.time_s == pytest.approx(time_s, abs=1e-9)
@@ -264,7 +264,7 @@ def test_a_player_plays_at_the_speed_that_is_chosen(word, player):
     assert clock.playing
 
 
-def test_a_player_plays_again_and_again_unless_it_is_told_not_to(player):
+def test_player_repeats_unless_disabled(player):
     assert player[0].clock.again
     assert not pressed(player, 'repeat', False).again
 

@@ -1,4 +1,4 @@
-"""Facts about the robot in three dimensions: its parts hang together as the scene has them."""
+"""Tests of the robot in three dimensions: its parts hang together as the scene has them."""
 
 from types import SimpleNamespace
 

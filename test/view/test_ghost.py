@@ -1,4 +1,4 @@
-"""Facts about the ghost: where it stands, how its tool is turned, and when there is none."""
+"""Tests of the ghost: where it stands, how its tool is turned, and when there is none."""
 
 import numpy as np
 import pytest
@@ -18,13 +18,13 @@ def instant(turn=None, true=TRUE):
     ('kind', 'place', 'turn'),
     [('command', TCP + 100 * ERROR, 0.5 + 0.3), ('true', TCP + 100 * (TRUE - TCP), 0.5 - 0.2)],
 )
-def test_it_stands_off_by_the_magnified_errors_of_tcp_and_tool(kind, place, turn):
+def test_offset_is_the_magnified_error_of_tcp_and_tool(kind, place, turn):
     there, angle = ghost_of(instant(TurnInstant(0.5, 0.003, 0.498)), TCP, ERROR, kind, 100.0)
     assert there == pytest.approx(place)
     assert angle == pytest.approx(turn)
 
 
-def test_it_goes_no_further_than_somebody_sees():
+def test_motion_ends_at_the_last_valid_set_point():
     there, angle = ghost_of(instant(TurnInstant(0.5, -0.1)), TCP, 10 * ERROR, 'command', 1000.0)
     assert np.linalg.norm(there - TCP) == pytest.approx(FAR_M)
     assert angle == pytest.approx(0.5 - FAR_RAD)
@@ -39,7 +39,7 @@ def test_a_turn_alone_is_seen_and_an_error_that_only_tints_is_not():
     assert ghost_of(instant(), TCP, ERROR, 'command', 1.0) is None
 
 
-def test_there_is_none_without_a_truth_or_a_place():
+def test_result_needs_true_values_and_positions():
     turn = TurnInstant(0.0, 1.0, 1.0)
     assert ghost_of(instant(turn), TCP, ERROR, 'none', 100.0) is None
     assert ghost_of(instant(turn, None), TCP, ERROR, 'true', 100.0) is None

@@ -1,4 +1,4 @@
-"""Facts about the rows that plots are drawn from."""
+"""Tests of the rows that plots are drawn from."""
 
 import numpy as np
 

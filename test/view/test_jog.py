@@ -1,4 +1,4 @@
-"""Facts about jogging: when a button counts as held, what was set off is stopped, and where a jog ends."""
+"""Tests of jogging: when a button counts as held, what was set off is stopped, and where a jog ends."""
 
 import math
 
@@ -65,7 +65,7 @@ def test_silence_stops_what_was_set_off():
     assert jog.state is JogState.FREE
 
 
-def test_a_stop_that_nobody_answers_is_asked_for_again():
+def test_unanswered_stop_is_requested_again():
     jog = moving()
     for now in (1.0, 11.0, 21.0):
         assert jog.update(now) is JogAction.STOP
@@ -75,7 +75,7 @@ def test_a_stop_that_nobody_answers_is_asked_for_again():
     assert jog.update(32.0) is JogAction.NOTHING
 
 
-def test_nobody_has_pressed_a_button_that_never_beat():
+def test_button_without_heartbeats_is_not_pressed():
     assert Jog().update(123.0) is JogAction.NOTHING
 
 
@@ -92,7 +92,7 @@ def test_the_first_of_two_buttons_counts_until_it_is_released():
     assert jog.direction == '-y'
 
 
-def test_what_was_refused_is_not_asked_for_again_before_the_button_was_let_go():
+def test_what_was_rejected_is_not_asked_for_again_before_the_button_was_let_go():
     jog = Jog()
     hold(jog, '+x', 0.0, 0.1)
     jog.refused(jog.number)
@@ -114,7 +114,7 @@ def test_a_press_that_was_let_go_does_not_start_although_the_button_is_held_anew
     assert jog.start(jog.number)
 
 
-def test_beats_with_a_pause_between_them_are_two_presses_however_late_somebody_looks():
+def test_heartbeats_with_a_pause_are_two_presses_however_late_they_are_read():
     jog = moving()
     jog.heartbeat('+x', 2.0)
     jog.heartbeat('+x', 2.1)
@@ -138,7 +138,7 @@ def test_what_is_let_go_while_it_starts_is_stopped_until_the_start_is_answered_a
     assert (jog.state, jog.update(now + 1.0)) == (JogState.FREE, JogAction.NOTHING)
 
 
-def test_a_start_that_nobody_answered_is_stopped_though_the_button_is_held():
+def test_unanswered_start_is_stopped_while_the_button_is_held():
     jog = Jog()
     _, last = hold(jog, '+x', 0.0, 0.1)
     assert jog.start(jog.number)
@@ -148,7 +148,7 @@ def test_a_start_that_nobody_answered_is_stopped_though_the_button_is_held():
     assert set(hold(jog, '+x', last, 1.0)[0]) == {JogAction.NOTHING}
 
 
-def test_a_stop_of_somebody_else_gives_a_jog_up_for_good():
+def test_stop_of_another_client_cancels_a_jog_for_good():
     jog = moving()
     jog.cancel()
     assert jog.update(0.0) is JogAction.STOP  # a jog that was held could be resumed
@@ -190,7 +190,7 @@ class Bench:
 
 @pytest.mark.parametrize('event', [event for event in JogEvent if event is not JogEvent.PRESS])
 @pytest.mark.parametrize('state', JogState)
-def test_every_event_leads_where_the_table_says_and_nowhere_else(state, event):
+def test_every_event_leads_to_the_state_of_the_table(state, event):
     bench = Bench()
     for before in AT[state]:
         bench.happen(before)
@@ -264,7 +264,7 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
 
 
 @pytest.mark.parametrize('text', ['', '+x', '+w 10', '+x ten', '+x nan', '+x inf', '+x -1', '+x 0', '+x 1 2'])
-def test_what_a_page_cannot_mean_is_refused(text):
+def test_what_a_page_cannot_mean_is_rejected(text):
     with pytest.raises(ProgramError, match='is not a direction'):
         parse(text, 1)
 

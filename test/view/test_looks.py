@@ -1,4 +1,4 @@
-"""Facts about what people choose to see on the page: each thing shows or hides what it names, and nothing else."""
+"""Tests of what people choose to see on the page: each thing shows or hides what it names, and nothing else."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Facts about the page, in a real browser, fed with plain values."""
+"""Tests of the page, in a real browser, fed with plain values."""
 
 import json
 import time
@@ -104,7 +104,7 @@ def test_a_picture_is_sent_at_once_and_as_a_whole(page, visit, robot, monkeypatc
     assert order[-2:] == ['whole', 'sent']
 
 
-def test_the_plate_is_where_forward_kinematics_says(page, visit, robot):
+def test_plate_is_at_the_forward_kinematics(page, visit, robot):
     below = np.array([0.0, 0.0, -0.06])  # the plate, where nothing is in front of it
     mark = page.server.scene.add_icosphere(
         '/robot/plate/mark', MARK_M, color=(255, 0, 255), position=below, cast_shadow=False
@@ -123,7 +123,7 @@ def test_the_plate_is_where_forward_kinematics_says(page, visit, robot):
     mark.remove()
 
 
-def test_the_page_asks_nobody_but_its_own_server_for_anything(page, visit, robot):
+def test_page_loads_from_its_own_server_only(page, visit, robot):
     page.show(instant_at(PLACES[0], robot))
     page.read(Facts(state='idle', phase='CP4', cycle=17))
     visit.page.get_by_text('idle', exact=True).wait_for()
@@ -167,7 +167,7 @@ def test_a_button_that_is_held_beats_until_it_is_let_go(page, visit):
     assert not page.commands
 
 
-def test_points_are_taught_by_name_and_stand_there_as_yaml(page, visit):
+def test_points_are_taught_by_name_and_written_as_yaml(page, visit):
     visit.page.get_by_role('tab', name='Teach').click()
     visit.page.get_by_role('button', name='Teach this point').click()
     wait_for(lambda: page.commands, 'the command')
@@ -212,7 +212,7 @@ def test_the_page_connects_again_when_it_is_served_again(robot, browser):
 
 
 @pytest.mark.long
-def test_a_page_that_nobody_may_operate_has_no_buttons(robot, browser):
+def test_page_without_permission_has_no_buttons(robot, browser):
     with held(HOST, None) as place:
         page = Page(robot, place, 'only to look at')
     try:

@@ -1,4 +1,4 @@
-"""Facts about the guard of the page: connections that are accepted, and messages that reach a control."""
+"""Tests of the guard of the page: connections that are accepted, and messages that reach a control."""
 
 import importlib
 import math
@@ -235,7 +235,7 @@ def test_a_message_of_another_form_closes_its_connection_and_changes_nothing(nam
         b'\xdf\xff\xff\xff\xff',
     ],
 )
-def test_bytes_that_are_no_message_close_their_connection(raw, site):
+def test_bytes_that_are_not_a_message_close_their_connection(raw, site):
     with closing(Browser(site)) as attacker:
         attacker.socket.send(raw)
         assert attacker.close_code() == 1008
@@ -258,7 +258,7 @@ def test_random_bytes_are_a_message_of_the_list_or_rejected(raw):
     assert all(reason.fatal and len(str(reason)) < 120 for reason in reasons)
 
 
-def test_a_button_that_is_held_is_heard(site):
+def test_held_button_is_received(site):
     beats = []
     button = site.server.gui.add_button('held')
     button.on_hold(lambda _: beats.append(1), callback_hz=20.0)
@@ -282,7 +282,7 @@ def test_a_file_up_to_the_limit_arrives(size, browser, site):
     site.wait_for(lambda: ('file', content) in site.reached, 'the file arrives')
 
 
-def test_a_file_beyond_the_limit_is_refused_before_it_is_sent(site):
+def test_a_file_beyond_the_limit_is_rejected_before_it_is_sent(site):
     site.refused.clear()
     with closing(Browser(site)) as attacker:
         attacker.start(UPLOAD_BYTES + 1, 2, 'large')

@@ -1,4 +1,4 @@
-"""Facts about the playing of recordings, without a browser."""
+"""Tests of the playing of recordings, without a browser."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -47,7 +47,7 @@ def test_the_clock_runs_at_its_speed_and_begins_again():
     assert (clock.time_s, clock.playing) == (1.0, True)
 
 
-def test_a_clock_that_does_not_begin_again_stands_at_the_end():
+def test_finite_clock_stops_at_its_end():
     clock = Clock(0.0, 2.0)
     clock.again = False
     clock.advance(5.0)
@@ -137,7 +137,7 @@ def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
     assert part.angle_rad == pytest.approx(np.radians(120.0), abs=np.radians(0.2))
 
 
-def test_a_recording_without_positions_is_refused(run):
+def test_a_recording_without_positions_is_rejected(run):
     trace = Trace(run.window.time_s, {'current': run.window['current']}, run.window.meta)
     bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'window': trace})
     with pytest.raises(TraceError, match=r'cannot be shown without motor_position .* it has only current$'):
@@ -153,7 +153,7 @@ def test_the_load_of_a_recording_is_that_which_the_drives_count(robot):
         assert found[:, axis] == pytest.approx((sums - np.minimum.accumulate(sums))[1:], abs=1e-12)
 
 
-def test_the_drives_are_shown_as_their_status_words_tell_it(run):
+def test_drives_are_shown_by_their_status_words(run):
     film = Film(run)
     (tripped,) = [mark.time_s for mark in run.marks if mark.kind == 'fault' and mark.text.startswith('stop')]
 
@@ -166,7 +166,7 @@ def test_the_drives_are_shown_as_their_status_words_tell_it(run):
     assert {state for state, _ in told(run.window.time_s[-1])} <= {'READY', 'FAULT'}
 
 
-def test_drives_that_are_not_recorded_tell_nothing(run):
+def test_unrecorded_drives_report_nothing(run):
     film = Film(replace(run, drives=()))
     assert [(drive.state, drive.brake) for drive in film.facts(0, 'paused', 1.0).drives] == [('', '')] * 3
 
@@ -256,7 +256,7 @@ class Slider:
 
 
 @pytest.mark.parametrize('playing', [True, False])
-def test_a_slider_that_is_set_while_pictures_are_under_way_is_sent_where_it_was_set(run, playing):
+def test_slider_set_during_transfers_is_sent_with_its_last_value(run, playing):
     page, sliders = MagicMock(), []
     page.server.gui.add_slider.side_effect = lambda *given: sliders.append(Slider(given[-1])) or sliders[0]
     player, drawn = Player(page, Film(run)), []

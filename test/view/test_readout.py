@@ -1,4 +1,4 @@
-"""Facts about what there is to read beside the picture."""
+"""Tests of what there is to read beside the picture."""
 
 import re
 from dataclasses import replace
@@ -34,7 +34,7 @@ def test_texts_of_others_are_shown_and_not_carried_out():
     assert '<script' not in readout.status(Facts(waiting=HOSTILE), None)
 
 
-def test_the_angle_of_the_tool_is_told_beside_the_tcp_where_there_is_one():
+def test_tool_angle_is_shown_with_the_tcp_if_there_is_one():
     tcp, turn = np.array([0.1, 0.0, -0.8]), TurnInstant(np.radians(123.4), np.radians(-0.05))
     shown = readout.status(Facts(state='moving'), tcp, [turn])
     assert '123.40 deg' in shown
@@ -45,7 +45,7 @@ def test_the_angle_of_the_tool_is_told_beside_the_tcp_where_there_is_one():
     assert 'deg' not in readout.status(Facts(state='moving'), tcp)
 
 
-def test_the_bars_tell_the_numbers_of_each_axis(robot):
+def test_bars_show_the_numbers_of_each_axis(robot):
     instant = Instant(
         1.0,
         np.zeros(3),
@@ -91,7 +91,7 @@ def test_a_bar_of_a_negative_share_grows_from_the_middle_to_the_left_of_a_positi
         assert rows == [*bars, (50.0, 0.0), (0.0, 50.0)]
 
 
-def test_a_brake_that_is_free_is_green_and_one_that_holds_is_grey():
+def test_released_brake_is_green_and_applied_brake_is_grey():
     instant = Instant(0.0, np.zeros(3))
     for brake, colour in (('free', '#2f9e5b'), ('held', '#868e96')):
         shown = readout.bars(instant, (DriveFacts('FAULT', brake),), readout.Scales(1.0, 1.0, 1.0))
@@ -122,7 +122,7 @@ class Labels:
         return SimpleNamespace(on_click=lambda _: None)
 
 
-def test_an_input_that_goes_on_and_off_again_is_shown_off():
+def test_input_that_goes_on_and_off_is_shown_off():
     page = Labels()
     rows = InputRows(page, page, lambda _: None)
     for forced in (False, True):
@@ -155,7 +155,7 @@ def test_each_plot_has_the_signal_of_its_title_in_its_unit(robot):
         assert rows[0, 1 + first :][: len(series)] == pytest.approx(wanted[name][1]), name
 
 
-def test_a_page_without_a_robot_says_so_and_a_fault_is_an_alert():
+def test_page_without_a_robot_reports_it_and_shows_a_fault_as_alert():
     assert 'no robot' in readout.status(Facts(waiting='no word of a robot in namespace /'), None)
     shown = readout.status(
         Facts(state='error', phase='CP4', fault='axis2: too hot'), np.array([0.1, 0.2, -0.8])
@@ -170,7 +170,7 @@ def words(shown):
     return ' '.join(re.sub('<[^>]*>|&[a-z]+;', ' ', shown).split())
 
 
-def test_inputs_are_told_with_what_was_set_from_outside_and_without_a_cell_the_payload():
+def test_inputs_are_reported_with_forced_ones_and_without_a_cell_the_payload():
     facts = Facts(state='idle', payload_kg=0.5, outputs=0b101)
     assert 'outputs 0 2 payload 0.5 kg' in words(readout.status(facts, None))
     assert 'inputs' not in readout.status(facts, None)

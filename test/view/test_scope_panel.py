@@ -1,4 +1,4 @@
-"""Facts about the oscilloscope on the page: what is asked for, and what is drawn of a record."""
+"""Tests of the oscilloscope on the page: what is asked for, and what is drawn of a record."""
 
 import json
 from unittest.mock import MagicMock
@@ -75,7 +75,7 @@ def test_a_wish_is_what_the_command_would_record(robot):
         ),
     ],
 )
-def test_what_cannot_be_recorded_or_drawn_is_refused(command, why, robot):
+def test_what_cannot_be_recorded_or_drawn_is_rejected(command, why, robot):
     with pytest.raises(ParameterError, match=why):
         asked(robot, **command)
 
@@ -148,7 +148,7 @@ def page(robot):
 
 
 @pytest.mark.long
-def test_people_fill_in_and_see_what_was_recorded_or_why_not(page, browser, robot):
+def test_users_fill_in_the_form_and_see_the_record_or_the_reason(page, browser, robot):
     with Visit(browser, page.url, WIDTH, HEIGHT) as visit:
         web = visit.page
         web.get_by_text('Oscilloscope', exact=True).click()

@@ -1,4 +1,4 @@
-"""Facts about where the page is served."""
+"""Tests of where the page is served."""
 
 import os
 import socket
@@ -39,14 +39,14 @@ def chosen(host, port=None):
         return place.port
 
 
-def test_a_port_that_is_taken_is_refused_in_one_sentence(taken):
+def test_a_port_that_is_taken_is_rejected_in_one_sentence(taken):
     with pytest.raises(
         RunError, match=f'^cannot serve the page on port {taken} of .*: Address already in use$'
     ):
         chosen(serving.HOST, taken)
 
 
-def test_a_port_that_nobody_asked_for_is_one_that_is_free():
+def test_unrequested_port_is_a_free_one():
     first = chosen(serving.HOST)
     assert serving.PORT <= first < serving.PORT + serving.PORTS
     with socket.socket() as other:
@@ -105,7 +105,7 @@ def test_a_process_finds_the_listener_that_it_was_handed(monkeypatch):
         assert serving.LISTENING not in os.environ
 
 
-def test_where_every_port_is_taken_one_sentence_says_so():
+def test_exhausted_ports_are_reported_in_one_sentence():
     with ExitStack() as stack:
         for _ in range(serving.PORTS):
             stack.enter_context(serving.held(serving.HOST, None))
@@ -116,7 +116,7 @@ def test_where_every_port_is_taken_one_sentence_says_so():
             chosen(serving.HOST)
 
 
-def test_an_address_that_is_not_ours_is_refused():
+def test_an_address_that_is_not_ours_is_rejected():
     with pytest.raises(RunError, match='cannot serve the page'):
         chosen('192.0.2.1', 8000)
     with pytest.raises(RunError, match='cannot serve the page'):
@@ -140,7 +140,7 @@ def test_only_the_loopback_is_this_machine(host, here):
     assert serving.is_here(host) is here
 
 
-def test_a_browser_is_told_an_address_that_it_can_reach():
+def test_browser_gets_an_address_that_it_can_reach():
     assert serving.address('127.0.0.1', 80) == 'http://127.0.0.1:80'
     assert serving.address('0.0.0.0', 81) == 'http://localhost:81'
     assert serving.address('::1', 82) == 'http://[::1]:82'
@@ -174,7 +174,7 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
         ('http://127.evil.test:8642', '127.evil.test:8642', '127.0.0.1', True),
     ],
 )
-def test_the_pages_of_others_are_foreign(origin, asked, host, foreign):
+def test_pages_of_other_servers_are_rejected(origin, asked, host, foreign):
     names = frozenset({'localhost', 'cell.plant.test'})
     assert serving.is_cross_origin(origin, asked, host, names) is foreign
 
@@ -208,7 +208,7 @@ def test_a_page_of_others_cannot_connect(robot):
         page.close()
 
 
-def test_who_leaves_before_he_has_asked_for_anything_is_no_news(robot, caplog):
+def test_client_that_leaves_without_a_request_is_not_reported(robot, caplog):
     with serving.held(serving.HOST, None) as place:
         page = Page(robot, place, 'a robot of the tests')
     try:

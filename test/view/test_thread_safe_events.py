@@ -1,4 +1,4 @@
-"""Facts about the waking of connections from other threads."""
+"""Tests of the waking of connections from other threads."""
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
@@ -49,7 +49,7 @@ def test_a_page_changes_while_browsers_wait_for_changes(page):
                         browser.recv(timeout=SILENCE_S)
 
 
-def test_an_event_that_another_thread_sets_wakes_who_waits_in_its_loop():
+def test_event_set_by_another_thread_wakes_the_waiting_loop():
     async def main():
         loop = asyncio.get_running_loop()
         loop.set_debug(True)

@@ -1,4 +1,4 @@
-"""Facts about the volume of a workspace on the page: its slices are those of the file, in the colours of the legend."""
+"""Tests of the volume of a workspace on the page: its slices are those of the file, in the colours of the legend."""
 
 from unittest.mock import MagicMock
 
@@ -32,7 +32,7 @@ def volume(path):
     return Volume.load(path)
 
 
-def test_a_volume_is_told_from_other_files(path, tmp_path):
+def test_volume_is_distinguished_from_other_files(path, tmp_path):
     assert Volume.is_one(path)
     np.savez_compressed(tmp_path / 'trace.npz', time_s=np.zeros(3))
     (tmp_path / 'text.npz').write_text('no archive')
@@ -41,7 +41,7 @@ def test_a_volume_is_told_from_other_files(path, tmp_path):
 
 
 @pytest.mark.parametrize('absent', ['about', 'z_m', SPEED])
-def test_a_volume_that_lacks_something_is_refused_in_one_sentence(absent, path, tmp_path):
+def test_a_volume_that_lacks_something_is_rejected_in_one_sentence(absent, path, tmp_path):
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files if name != absent}
     if absent == SPEED:
@@ -73,7 +73,7 @@ def test_colours_follow_the_values_where_the_robot_may_be(volume):
 
 
 @pytest.mark.parametrize('scale', [Scale(2.0, 6.0, False), Scale(0.01, 10.0, True)])
-def test_the_legend_tells_the_values_of_its_colours(scale):
+def test_legend_gives_the_values_of_its_colours(scale):
     for share in (0.0, 0.3, 1.0):
         assert scale.share(np.array([scale.at(share)]))[0] == pytest.approx(share)
     assert scale.share(np.array([scale.low / 2.0, 2.0 * scale.high])).tolist() == [0.0, 1.0]

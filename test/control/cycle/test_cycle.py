@@ -1,4 +1,4 @@
-"""Facts about the controller's part of a bus cycle: which fault stops the robot, from which cycle on, and how hard."""
+"""Tests of the controller's part of a bus cycle: which fault stops the robot, from which cycle on, and how hard."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
     assert motors == pytest.approx(controller.motors, abs=2e-5)
 
 
-def test_answers_of_drives_that_do_well_stop_nobody_and_are_evaluated(controller, robot):
+def test_ats_without_faults_stop_no_axis_and_are_evaluated(controller, robot):
     controller.task.command(0)
     assert controller.evaluate(0, starts=0) is None
     assert controller.task.answer['tcp_actual'] == pytest.approx(robot.motion.home_m)
@@ -62,7 +62,7 @@ def test_a_fault_stops_the_robot_when_all_commands_that_are_out_are_over(control
     assert stop == Stop(fault, first, hard=False, drive=1)
 
 
-def test_an_axis_that_does_not_follow_makes_the_stop_hard_also_when_one_is_under_way(controller):
+def test_lost_axis_makes_the_stop_hard_even_during_another_stop(controller):
     status = (FOLLOWS, FOLLOWS, FAULT)
     assert controller.evaluate(7, status).hard
     controller.axes.begin()
@@ -73,7 +73,7 @@ def test_a_robot_that_is_stopped_is_not_stopped_again_by_an_axis_that_follows(co
     assert controller.evaluate(7, (FAULT_ON_PATH, FOLLOWS, FOLLOWS), stopped=True) is None
 
 
-def test_one_lost_answer_stops_nobody_and_the_second_in_a_row_does(controller):
+def test_one_lost_at_stops_no_axis_and_the_second_in_a_row_does(controller):
     assert controller.evaluate(0, lost=[0]) is None
     assert 'two AT lost in a row' in controller.evaluate(1, lost=[0]).fault.sentence
 

@@ -1,4 +1,4 @@
-"""Facts about joint motion on line: what the Jacobian makes of the motion of the TCP, one by one or all at once."""
+"""Tests of joint motion on line: what the Jacobian makes of the motion of the TCP, one by one or all at once."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_cycle_by_cycle_it_has_the_same_bits(places, robot):
                 assert values == whole[name][cycle - 2].tolist(), (name, cycle)
 
 
-def test_behind_a_gap_it_begins_anew(places, robot):
+def test_record_starts_anew_after_a_gap(places, robot):
     on_line = JointMotion(robot)
     known = [on_line.take(cycle, places[cycle]) for cycle in (0, 1, 2, 4, 5, 6, 7, 7, 8, 9)]
     assert known == [False, False, True, False, False, True, True, False, False, True]
@@ -68,6 +68,6 @@ def test_out_of_reach_nothing_is_known(robot):
 
 
 @pytest.mark.parametrize('cycles', [0, 1, 2])
-def test_too_few_cycles_tell_nothing(cycles, robot):
+def test_too_few_cycles_give_no_result(cycles, robot):
     found = joint_motions(np.zeros((cycles, 3)), PERIOD_S, kinematics.geometry(robot))
     assert {len(values) for values in found.values()} == {0}

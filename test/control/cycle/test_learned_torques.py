@@ -1,4 +1,4 @@
-"""Facts about learned torques in the transformation task: with which program they go, and when they are dropped."""
+"""Tests of learned torques in the transformation task: with which program they go, and when they are dropped."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_they_never_ask_for_more_than_a_motor_has(model):
     )
 
 
-def test_another_program_goes_without_them_and_it_is_said_why(model):
+def test_another_program_runs_without_them_and_the_reason_is_reported(model):
     other = [{'move_l': {'to_m': [0.2, -0.05, -0.8]}}]
     assert not both(model, START + 300, moves=other).any()
     assert 'another plan' in task_with(model, LEARNED_N_M, moves=other).learned.reason
@@ -135,7 +135,7 @@ def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act,
     assert bool(task.learned.reason) == for_good
 
 
-def test_the_log_says_whether_they_are_followed_and_none_are_after_a_fault(rig, model):
+def test_log_reports_if_learned_torques_are_used_and_none_are_after_a_fault(rig, model):
     """A robot that is up drives what it is asked for; only the program that they belong to goes with them."""
     here = type(rig)(model).task.state['tcp'][0]
     plan = program_planner.plan(programs.parse({'moves': MOVES}, model.motion), here, model).plan
@@ -170,7 +170,7 @@ def test_a_task_that_commands_no_torques_has_none_of_them(robot):
     assert not torques_of(task, START + 200).any()
 
 
-def test_an_exact_stop_drops_them_and_is_told_as_the_reason(model):
+def test_exact_stop_discards_blends_and_is_reported_as_reason(model):
     moves = [
         {'move_l': {'to_m': [0.1, 0.0, -0.75], 'in_position': True}},
         {'move_l': {'to_m': [0.0, 0.0, -0.75]}},

@@ -1,4 +1,4 @@
-"""Facts about plans on their way in: what is taken, and what spoils an order."""
+"""Tests of plans on their way in: what is taken, and what spoils an order."""
 
 from typing import Any
 
@@ -56,7 +56,7 @@ def test_an_order_has_the_moves_rate_cycle_and_faults_that_came_before_it(
     ]
 
 
-def test_an_order_that_is_heard_again_is_a_strangers(intake: PlanIntake, rows: list[Any]) -> None:
+def test_repeated_command_counts_as_external(intake: PlanIntake, rows: list[Any]) -> None:
     assert isinstance(order(intake, 5, rows), Order)
     for number in (5, 4):
         for kind, row in (('LINE', rows[0]), (ORDER, [-1.0, 1.0, 0.0])):
@@ -80,7 +80,7 @@ SPOILT = [
 
 
 @pytest.mark.parametrize(('row', 'sentence'), SPOILT)
-def test_a_spoilt_order_is_refused_and_the_next_one_is_not(
+def test_a_spoilt_order_is_rejected_and_the_next_one_is_not(
     row: list[float], sentence: str, intake: PlanIntake, rows: list[Any]
 ) -> None:
     reason = order(intake, 1, rows, row)
@@ -89,7 +89,7 @@ def test_a_spoilt_order_is_refused_and_the_next_one_is_not(
     assert isinstance(order(intake, 2, rows), Order)
 
 
-def test_a_spoilt_part_is_told_with_its_order_once(intake: PlanIntake, rows: list[Any]) -> None:
+def test_damaged_part_is_reported_once_with_its_order(intake: PlanIntake, rows: list[Any]) -> None:
     outside = rows[1].copy()
     outside[10:] = np.nan
     assert take(intake, 1, 'LINE', rows[0]) is None
@@ -100,7 +100,7 @@ def test_a_spoilt_part_is_told_with_its_order_once(intake: PlanIntake, rows: lis
     assert 'finite numbers' in reason.sentence
 
 
-def test_a_plan_that_leads_out_of_the_workspace_is_refused(intake: PlanIntake, rows: list[Any]) -> None:
+def test_a_plan_that_leads_out_of_the_workspace_is_rejected(intake: PlanIntake, rows: list[Any]) -> None:
     from delta3_pacdrive.planning.paths.move import HEADER
 
     higher = rows[0].copy()
@@ -121,7 +121,7 @@ def test_parts_out_of_order_spoil_a_plan(intake: PlanIntake, rows: list[Any]) ->
     assert 'message 1 of 3 came where 0 was due' in reason.sentence
 
 
-def test_an_order_without_moves_is_refused(intake: PlanIntake) -> None:
+def test_an_order_without_moves_is_rejected(intake: PlanIntake) -> None:
     reason = take(intake, 1, ORDER, [-1.0, 1.0, 0.0])
     assert isinstance(reason, Reason)
     assert reason.sentence == 'an order came without moves'
@@ -168,7 +168,7 @@ def test_a_turn_that_the_robot_cannot_make_spoils_its_order(robot, changes: dict
     assert taken.plan.end_turns_rad == pytest.approx((np.pi / 2,))
 
 
-def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: list[Any]) -> None:
+def test_a_rate_at_which_a_motor_would_turn_too_fast_is_rejected(robot, rows: list[Any]) -> None:
     from delta3_pacdrive.planning.limits.limits import check_speed
     from delta3_pacdrive.planning.paths.move import Move
 
@@ -226,14 +226,14 @@ def test_a_forged_row_spoils_its_order_with_a_sentence_and_nothing_else(
     assert isinstance(order(intake, 2, [GOOD], [-1.0, 1.0, 0.0]), Order)
 
 
-def test_values_that_are_no_numbers_anywhere_break_their_bound() -> None:
+def test_non_numeric_values_violate_their_bound() -> None:
     path = CheckedPath(np.zeros(3), np.zeros((3, 3)))
     with pytest.raises(ProgramError, match='the speed of motor 1 is nan rad/s'):
         path.require(Bound('motor_speed', np.full((3, 3), np.nan), 1.0, True, 'the speed of motor', 'rad/s'))
 
 
 @pytest.mark.parametrize(('column', 'value'), [(0, 1e19), (4, 1e300), (9, 1e18)])
-def test_a_motion_profile_beyond_all_bus_time_is_refused(column: int, value: float) -> None:
+def test_a_motion_profile_beyond_all_bus_time_is_rejected(column: int, value: float) -> None:
     row = np.array([100.0, 0.0, 1.0, 1.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0])
     assert MotionProfile.from_array(row).cycle == 100
     row[column] = value
@@ -244,9 +244,7 @@ def test_a_motion_profile_beyond_all_bus_time_is_refused(column: int, value: flo
 @pytest.mark.parametrize(
     ('acceleration', 'jerk'), [(5e-324, 0.0), (1e-300, 1e-300), (1e300, 1e300), (1e308, 5e-324)]
 )
-def test_a_move_that_tells_nonsense_of_its_stop_is_stopped_all_the_same(
-    acceleration: float, jerk: float, intake: PlanIntake
-) -> None:
+def test_move_with_an_invalid_stop_is_stopped(acceleration: float, jerk: float, intake: PlanIntake) -> None:
     row = GOOD.copy()
     row[7:9] = acceleration, jerk
     taken = order(intake, 1, [row], [-1.0, 1.0, 0.0])

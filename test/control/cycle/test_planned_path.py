@@ -1,4 +1,4 @@
-"""Facts about the path that views draw: of accepted orders only, whole, also for who joins late."""
+"""Tests of the path that views draw: of accepted orders only, whole, also for who joins late."""
 
 from dataclasses import replace
 from typing import Any
@@ -103,9 +103,7 @@ def test_the_path_of_an_order_is_shown_once_it_is_accepted(path: PlannedPath, pl
     assert path.changes == 1
 
 
-def test_who_hears_first_what_was_accepted_shows_the_path_as_soon_as_it_has_come(
-    path: PlannedPath, plan: Plan
-) -> None:
+def test_late_plan_is_shown_with_its_earlier_acceptance(path: PlannedPath, plan: Plan) -> None:
     path.update(status(1))
     take(path, ordered(plan, 1)[:-1])
     assert not len(path.points_m)
@@ -115,7 +113,7 @@ def test_who_hears_first_what_was_accepted_shows_the_path_as_soon_as_it_has_come
     assert path.changes == 1
 
 
-def test_an_order_that_is_refused_is_never_shown(path: PlannedPath, plan: Plan, robot: Any) -> None:
+def test_an_order_that_is_rejected_is_never_shown(path: PlannedPath, plan: Plan, robot: Any) -> None:
     take(path, ordered(plan, 1))
     path.update(status(1))
     other = Stream(robot, line(C))
@@ -158,7 +156,7 @@ def test_a_corner_that_is_rounded_when_moves_follow_is_drawn_as_it_is_driven(
     assert 2e-3 < apart < 0.02
 
 
-def test_who_has_missed_the_beginning_shows_what_follows(robot: Any, path: PlannedPath) -> None:
+def test_late_viewer_shows_later_messages(robot: Any, path: PlannedPath) -> None:
     stream = Stream(robot, line(A))
     take(path, stream.follow(150, line(B)))
     path.update(status(2))
@@ -219,7 +217,7 @@ def test_a_plan_of_thousands_of_moves_is_drawn_with_fewer_points(path: PlannedPa
         (label(EXTEND, 1), [1.0, 0.0], ProgramError),
     ],
 )
-def test_what_is_no_row_of_a_plan_is_refused(path: PlannedPath, text: str, row: Any, error: Any) -> None:
+def test_invalid_row_of_a_plan_is_rejected(path: PlannedPath, text: str, row: Any, error: Any) -> None:
     with pytest.raises(error):
         path.take(text, np.array(row))
     path.take(label(ORDER, 1), np.array([-1.0, 1.0, np.nan, 1e300, -5.0]))

@@ -1,4 +1,4 @@
-"""Facts about the robot's position: a program ends, and leaves an exact stop, when every drive is within its window."""
+"""Tests of the robot's position: a program ends, and leaves an exact stop, when every drive is within its window."""
 
 from typing import Any
 
@@ -84,7 +84,7 @@ def test_without_being_asked_nothing_waits_at_a_stop(rig: Any) -> None:
     assert until(rig, lambda: not stands_at_the_stop(rig)) <= 2
 
 
-def test_the_program_goes_on_once_the_drives_were_in_their_windows_for_the_time(rig: Any) -> None:
+def test_program_continues_after_the_settling_time_in_the_windows(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 1.01 * WINDOW_RAD
     rig.run(100)
@@ -101,7 +101,7 @@ def test_the_program_goes_on_once_the_drives_were_in_their_windows_for_the_time(
     assert rig.state.finished
 
 
-def test_a_robot_that_was_in_its_windows_on_the_way_is_not_there_yet(rig: Any) -> None:
+def test_passing_through_the_windows_does_not_count_as_in_position(rig: Any) -> None:
     drive(rig)  # exactly where the set points are
     assert stands_at_the_stop(rig)
     rig.run(round(TIME_S / rig.robot.bus.cycle_time_s) - 8)
@@ -120,7 +120,7 @@ def test_what_switches_at_the_stop_switches_when_the_robot_is_there(rig: Any) ->
     assert rig.task.outputs == 1
 
 
-def test_a_robot_that_does_not_come_to_a_stop_in_time_is_stopped_with_a_sentence(rig: Any) -> None:
+def test_robot_that_does_not_stop_in_time_is_stopped_with_a_message(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 2.0 * WINDOW_RAD
     waited = until(rig, lambda: rig.state.fault is not None)
@@ -155,7 +155,7 @@ def test_a_program_whose_robot_is_not_there_ends_later_or_not_at_all(rig: Any) -
     assert 'not in position' in sentence
 
 
-def test_a_wait_is_told_as_settling(rig: Any) -> None:
+def test_wait_is_reported_as_settling(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 2.0 * WINDOW_RAD
     rig.run(50)
@@ -201,7 +201,7 @@ def test_an_override_in_a_wait_neither_ends_nor_forgets_it(rig: Any) -> None:
     until(rig, lambda: rig.state.motion == 'idle')
 
 
-def test_moves_that_follow_a_wait_are_driven_behind_it(rig: Any) -> None:
+def test_moves_after_a_wait_are_executed_after_it(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 2.0 * WINDOW_RAD
     rig.run(30)
@@ -213,7 +213,7 @@ def test_moves_that_follow_a_wait_are_driven_behind_it(rig: Any) -> None:
     assert rig.task.state['tcp'][0] == pytest.approx([0.0, 0.0, -0.78], abs=1e-9)
 
 
-def test_who_aborts_a_wait_stands_there_and_idle(rig: Any) -> None:
+def test_abort_of_a_wait_leaves_the_robot_idle_in_place(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 2.0 * WINDOW_RAD
     rig.run(30)
@@ -237,7 +237,7 @@ def test_a_program_that_is_given_up_before_its_start_waits_at_no_stop(robot: Par
     assert (task.loaded, task.end_cycle, task.own_profile) == (False, NEVER, None)
 
 
-def test_a_robot_that_is_there_but_not_for_long_enough_is_told_so(robot):
+def test_robot_running_for_too_short_a_time_is_reported(robot):
     impatient = robot.replace(motion__in_position_timeout_s=0.004)
     off = np.array([0.0, 2.2e-5, 0.0])
     schedule = Schedule({event: lambda *_: None for event in Event})

@@ -1,4 +1,4 @@
-"""Facts about the transformation task (thesis 6, 7.3): commands on path and grid, following error, cycles."""
+"""Tests of the transformation task (thesis 6, 7.3): commands on path and grid, following error, cycles."""
 
 import itertools
 import math
@@ -49,7 +49,7 @@ def commands_of(task, cycles):
     return np.array([task.command(k).motors.copy() for k in range(cycles)])
 
 
-def test_before_the_start_the_command_is_where_the_motors_stand_to_the_last_bit(robot):
+def test_command_before_the_start_equals_the_motor_positions_to_the_last_bit(robot):
     task, _, motors = ready_task(robot)
     task.start(50)
     assert np.abs(commands_of(task, 50) - motors).max() == pytest.approx(0.0, abs=1e-15 * GEAR)
@@ -91,7 +91,7 @@ def test_on_the_cruise_the_tcp_keeps_its_speed(robot):
 
 
 @pytest.mark.parametrize('cycle_time_s', [1e-3, 2e-3, 4e-3])
-def test_the_end_cycle_is_the_first_in_which_the_tcp_stands_at_the_end(cycle_time_s, robot):
+def test_end_cycle_is_the_first_with_the_tcp_at_rest_at_the_end(cycle_time_s, robot):
     changed = robot.replace(bus__cycle_time_s=cycle_time_s)
     task, plan, _ = ready_task(changed)
     end = task.start(7)
@@ -117,7 +117,7 @@ def test_a_program_that_lasts_whole_cycles_ends_in_the_last_of_them(robot):
     assert task.start(0) == 200
 
 
-def test_a_start_without_a_program_is_refused_and_a_new_program_waits(robot):
+def test_a_start_without_a_program_is_rejected_and_a_new_program_waits(robot):
     task = Transformation(robot)
     assert not task.loaded
     with pytest.raises(RunError, match='no program is loaded'):
@@ -249,7 +249,7 @@ def test_another_delay_shows_as_an_error_along_the_path(delay, robot):
 
 
 @pytest.mark.parametrize('lag', [1, 8, 16])
-def test_answers_may_come_cycles_later_and_give_the_same_bits(lag, robot):
+def test_ats_delayed_by_cycles_give_the_same_bits(lag, robot):
     at_once, _, task = late_answers(robot, 1.75)
     later, _, task_later = late_answers(robot, 1.75, lag)
     assert at_once.tobytes() == later.tobytes()
@@ -283,7 +283,7 @@ def test_locating_gives_the_tcp_of_the_motors(robot):
     assert np.linalg.norm(task.locate(motors) - START) < GRID_M
 
 
-def test_a_start_in_a_cycle_that_is_over_is_refused(robot):
+def test_a_start_in_a_cycle_that_is_over_is_rejected(robot):
     task, _, _ = ready_task(robot)
     commands_of(task, 30)
     with pytest.raises(RunError, match='bus cycle 29 is over, the next one is 30'):
@@ -337,7 +337,7 @@ def test_outputs_switch_in_the_first_cycle_in_which_the_master_has_passed_their_
     assert len(plan) == 3
 
 
-def test_a_held_tcp_stands_on_its_line_until_the_program_is_unloaded(robot):
+def test_held_tcp_rests_on_its_line_until_the_program_is_unloaded(robot):
     task, _, _ = ready_task(robot)
     task.start(0)
     commands_of(task, 150)
@@ -388,7 +388,7 @@ def test_every_round_of_a_program_switches_its_outputs_at_their_places(robot):
         assert before[2] < place - ROUNDING <= row[2]
 
 
-def test_an_output_behind_the_place_of_a_hold_waits_for_the_program_to_go_on(robot):
+def test_output_after_the_position_of_a_hold_waits_for_the_program(robot):
     moves = [
         {'move_l': {'to_m': [0.3, 0.0, -0.75]}},
         {'output': {'name': 'output2', 'value': True, 'before_m': 0.1}},

@@ -1,4 +1,4 @@
-"""Facts about control of the robot: who has it, who loses it, and who is refused by name."""
+"""Tests of control of the robot: who has it, who loses it, and who is refused by name."""
 
 import pytest
 
@@ -22,12 +22,12 @@ def look_until(control: Control, start_s: float, end_s: float) -> list[str]:
     return [operator.name for operator in lost if operator]
 
 
-def test_everybody_may_move_the_robot_while_nobody_has_control(control: Control) -> None:
+def test_every_client_may_move_the_robot_without_a_controlling_one(control: Control) -> None:
     assert control.refusal('') is None
     assert control.refusal('a1') is None
 
 
-def test_who_has_control_may_move_the_robot_and_nobody_else(control: Control) -> None:
+def test_only_the_controlling_client_may_move_the_robot(control: Control) -> None:
     assert control.take(ANNA, False, 0.0) is None
     assert control.refusal('a1') is None
     for other in ('', 'b2'):
@@ -36,7 +36,7 @@ def test_who_has_control_may_move_the_robot_and_nobody_else(control: Control) ->
         assert (reason.code, 'Anna has control' in reason.sentence) == (Code.CONTROL, True)
 
 
-def test_control_is_refused_to_a_second_operator_unless_he_takes_it_over(control: Control) -> None:
+def test_control_is_rejected_to_a_second_operator_unless_he_takes_it_over(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     reason = control.take(BERT, False, 0.0)
     assert reason is not None
@@ -62,7 +62,7 @@ def test_released_control_is_free_and_was_not_lost(control: Control) -> None:
     assert control.release('a1') is not None
 
 
-def test_who_falls_silent_loses_control_once_after_the_limit_and_not_before(control: Control) -> None:
+def test_silent_client_loses_control_once_after_the_limit_and_not_before(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     control.receive_heartbeat('a1', 1, 0.0)
     assert look_until(control, 0.0, OPERATOR_SILENT_S - 2 * PERIOD_S) == []
@@ -72,7 +72,7 @@ def test_who_falls_silent_loses_control_once_after_the_limit_and_not_before(cont
     assert (control.operator, control.losses) == (None, 1)
 
 
-def test_whose_first_heartbeat_has_not_come_yet_is_waited_for_longer(control: Control) -> None:
+def test_first_heartbeat_is_awaited_longer(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     assert look_until(control, 0.0, OPERATOR_APPEARS_S - PERIOD_S) == []
     assert look_until(control, OPERATOR_APPEARS_S - PERIOD_S, OPERATOR_APPEARS_S + 2 * PERIOD_S) == ['Anna']
@@ -82,7 +82,7 @@ def test_whose_first_heartbeat_has_not_come_yet_is_waited_for_longer(control: Co
     assert look_until(control, 10.0, 10.0 + OPERATOR_APPEARS_S - PERIOD_S) == []
 
 
-def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control) -> None:
+def test_played_back_heartbeats_keep_no_client_in_control(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     for number in range(1, 6):
         control.receive_heartbeat('a1', number, 0.0)
@@ -93,7 +93,7 @@ def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control
     assert [operator.name for operator in lost if operator] == ['Anna']
 
 
-def test_the_heartbeat_of_another_operator_keeps_nobody_in_control(control: Control) -> None:
+def test_heartbeat_of_another_operator_keeps_no_client_in_control(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     lost = []
     for step in range(1, 60):

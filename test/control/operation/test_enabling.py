@@ -1,4 +1,4 @@
-"""Facts about enabling and disabling the drives, and about clearing their faults."""
+"""Tests of enabling and disabling the drives, and about clearing their faults."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
 FAULT = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
 
-def test_disabled_drives_are_said_at_once_with_the_way_out(rig: Any) -> None:
+def test_disabled_drives_are_reported_immediately_with_the_remedy(rig: Any) -> None:
     accepted, sentence = rig.ask('program', LINE)
     assert accepted
     assert sentence.endswith(f'; it cannot start yet: {ENABLE_FIRST}')
@@ -37,7 +37,7 @@ def test_an_emergency_stop_a_reset_and_a_start_without_enabling_lose_nothing(rig
     rig.finish()
 
 
-def test_a_program_that_is_held_survives_disabling_and_goes_on_when_it_is_enabled_again(rig: Any) -> None:
+def test_held_program_survives_disabling_and_continues_when_enabled(rig: Any) -> None:
     rig.lead_to('stopped')
     stood = rig.task.state['tcp'][0].copy()
     assert rig.do('disable')[0]
@@ -52,7 +52,7 @@ def test_a_program_that_is_held_survives_disabling_and_goes_on_when_it_is_enable
     assert rig.task.state['tcp'][0] == pytest.approx([0.05, 0.0, -0.75], abs=1e-9)
 
 
-def test_who_enables_drives_that_are_being_switched_off_is_answered_when_they_are_on(rig: Any) -> None:
+def test_enabling_during_disabling_is_answered_when_the_drives_are_on(rig: Any) -> None:
     rig.enable()
     answers: list[Any] = []
     for _ in range(2):
@@ -77,7 +77,7 @@ def test_who_enables_drives_that_are_being_switched_off_is_answered_when_they_ar
     rig.finish()
 
 
-def test_who_waits_for_drives_to_be_enabled_is_told_when_that_will_not_be(rig: Any) -> None:
+def test_client_waiting_for_enabling_is_notified_of_its_failure(rig: Any) -> None:
     lost = RobotFault(FaultCode.ANSWER_LOST, 'nobody is there')
 
     def fall() -> None:
@@ -117,7 +117,7 @@ def test_a_held_robot_that_was_moved_by_hand_is_not_enabled_before_its_program_i
     assert outcome.sentence.endswith('from where its program was held: abort it first')
 
 
-def test_a_second_reset_is_refused_while_the_first_waits_and_the_first_is_answered(rig: Any) -> None:
+def test_a_second_reset_is_rejected_while_the_first_waits_and_the_first_is_answered(rig: Any) -> None:
     rig.lead_to('moving')
     rig.do('emergency_stop')
     answers: list[Any] = []
@@ -131,7 +131,7 @@ def test_a_second_reset_is_refused_while_the_first_waits_and_the_first_is_answer
     ]
 
 
-def test_a_reset_that_the_drives_refuse_says_which_and_what_may_last(rig: Any) -> None:
+def test_reset_rejected_by_the_drives_names_them_and_the_lasting_cause(rig: Any) -> None:
     rig.lead_to('error')
     rig.drives_refuse = 'yes'
     accepted, sentence = rig.do('reset')
@@ -164,14 +164,14 @@ def test_nothing_is_enabled_after_a_fault_nor_outside_cyclic_operation(rig: Any)
     assert not rig.state.enabled
 
 
-def test_enabling_twice_changes_nothing_and_says_so(rig: Any) -> None:
+def test_enabling_twice_changes_nothing_and_reports_it(rig: Any) -> None:
     rig.enable()
     cycle = rig.task.enable_cycle
     assert rig.do('enable') == (True, f'enabled already, effective in bus cycle {cycle + 1}')
     assert rig.task.enable_cycle == cycle
 
 
-def test_a_robot_that_is_disabled_in_motion_stops_on_its_path_and_says_who_did_it(rig: Any) -> None:
+def test_disabling_during_motion_stops_on_the_path_and_names_the_client(rig: Any) -> None:
     rig.lead_to('moving')
     accepted, sentence = rig.do('disable')
     assert accepted

@@ -1,4 +1,4 @@
-"""Facts about the transformation task's end of orders: whose are taken, and what becomes of those taken back."""
+"""Tests of the transformation task's end of orders: whose are taken, and what becomes of those taken back."""
 
 from dataclasses import replace
 from typing import Any
@@ -56,7 +56,7 @@ def test_an_order_of_the_planner_that_is_listened_to_starts(rig: Any, rows: list
     assert rig.orders.status('CP4', 0).order == 100
 
 
-def test_an_exact_order_begins_in_its_cycle_or_is_refused_with_the_first_one_in_which_it_can(
+def test_an_exact_order_begins_in_its_cycle_or_is_rejected_with_the_first_one_in_which_it_can(
     rig: Any, rows: list[Any]
 ) -> None:
     first = rig.earliest()
@@ -76,7 +76,7 @@ def test_any_other_order_begins_later_if_it_must(rig: Any, rows: list[Any]) -> N
 
 
 @pytest.mark.parametrize('stranger', [{'planner': 'ffffffff'}, {'session': 'ffff'}])
-def test_an_order_of_anybody_else_is_refused_row_by_row(
+def test_an_order_of_anybody_else_is_rejected_row_by_row(
     stranger: dict[str, str], rig: Any, rows: list[Any]
 ) -> None:
     with pytest.raises(TelegramError, match='is it a recording'):
@@ -87,7 +87,7 @@ def test_an_order_of_anybody_else_is_refused_row_by_row(
         rig.orders.take_profile(label, np.zeros(9))
 
 
-def test_a_heartbeat_in_another_session_makes_nobody_listened_to(rig: Any, robot: Any) -> None:
+def test_heartbeat_of_another_session_makes_no_client_trusted(rig: Any, robot: Any) -> None:
     rig.watch.receive_announcement('bbbbbbbb', Identity.of(robot))
     for step in range(1, 40):  # the present planner says nothing any more
         rig.orders.receive_heartbeat('bbbbbbbb', 'ffff', step, rig.now_s + 0.2 * step)
@@ -105,7 +105,7 @@ def test_rows_of_a_script_that_is_gone_before_they_are_checked_do_not_start_the_
     assert rig.state.motion == 'idle'
 
 
-def test_an_order_that_is_heard_twice_starts_once(rig: Any, rows: list[Any]) -> None:
+def test_repeated_command_starts_once(rig: Any, rows: list[Any]) -> None:
     send(rig, 100, rows)
     verdicts(rig)
     rig.finish()
@@ -137,7 +137,7 @@ def test_an_order_that_is_taken_back_when_it_runs_is_given_up(rig: Any, rows: li
     assert 0.0 < rig.task.state['tcp'][0][0] < 0.05
 
 
-def test_a_plan_for_another_robot_is_refused_by_the_parameter(rig: Any, robot: Any, rows: list[Any]) -> None:
+def test_a_plan_for_another_robot_is_rejected_by_the_parameter(rig: Any, robot: Any, rows: list[Any]) -> None:
     rig.watch.receive_announcement(ME, Identity.of(robot.replace(kinematics__upper_arm_length_m=0.38)))
     send(rig, 100, rows)
     ((_, accepted, sentence),) = verdicts(rig)
@@ -145,14 +145,14 @@ def test_a_plan_for_another_robot_is_refused_by_the_parameter(rig: Any, robot: A
     assert 'kinematics.upper_arm_length_m is 0.38 there, 0.4 here' in sentence
 
 
-def test_a_plan_that_begins_elsewhere_is_refused(rig: Any, robot: Any, rows: list[Any]) -> None:
+def test_a_plan_that_begins_elsewhere_is_rejected(rig: Any, robot: Any, rows: list[Any]) -> None:
     send(rig, 100, rows_from(robot, [0.0, 0.002, -0.75]))
     ((_, accepted, sentence),) = verdicts(rig)
     assert not accepted
     assert sentence.startswith('it starts 2.000 mm away from the position of the robot')
 
 
-def test_a_change_that_is_heard_twice_counts_once(rig: Any, rows: list[Any]) -> None:
+def test_repeated_change_counts_once(rig: Any, rows: list[Any]) -> None:
     rig.start(f'moves: [{{move_l: {{to_m: {LINE["moves"][0]["move_l"]["to_m"]}, speed_m_s: 0.1}}}}]')
     rig.run(60)
     profile = rig.task.profile

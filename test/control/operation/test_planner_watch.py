@@ -1,4 +1,4 @@
-"""Facts about the watch over planners: who is listened to, and when a program has lost its planner."""
+"""Tests of the watch over planners: who is listened to, and when a program has lost its planner."""
 
 import pytest
 
@@ -44,7 +44,7 @@ def test_the_first_planner_is_listened_to_and_a_second_one_is_not(watch: Planner
     assert watch.disagreement() is None
 
 
-def test_a_planner_that_falls_silent_under_its_program_is_told_once_the_limit_is_over(
+def test_silent_planner_under_its_program_is_reported_once_after_the_limit(
     watch: PlannerWatch,
 ) -> None:
     watch.receive_heartbeat('one', 1, 0.0)
@@ -54,7 +54,7 @@ def test_a_planner_that_falls_silent_under_its_program_is_told_once_the_limit_is
     assert len(said) == 1
 
 
-def test_a_planner_that_falls_silent_while_nothing_runs_is_forgotten_without_a_word(
+def test_silent_idle_planner_is_removed_without_a_message(
     watch: PlannerWatch,
 ) -> None:
     watch.receive_heartbeat('one', 1, 0.0)
@@ -62,7 +62,7 @@ def test_a_planner_that_falls_silent_while_nothing_runs_is_forgotten_without_a_w
     assert watch.planner == ''
 
 
-def test_another_planner_takes_the_place_of_one_that_is_silent_and_stops_its_program(
+def test_another_planner_replaces_a_silent_one_and_stops_its_program(
     watch: PlannerWatch,
 ) -> None:
     watch.receive_heartbeat('one', 1, 0.0)

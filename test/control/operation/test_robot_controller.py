@@ -1,4 +1,4 @@
-"""Facts about the controller of a robot, without ROS: it comes up, runs, loses partners, recovers."""
+"""Tests of the controller of a robot, without ROS: it comes up, runs, loses partners, recovers."""
 
 from typing import Any
 
@@ -150,7 +150,7 @@ def cell() -> Cell:
     return Cell().come_up()
 
 
-def test_a_robot_waits_in_cp3_until_all_of_its_bus_clock_are_ready_and_says_so() -> None:
+def test_robot_waits_in_cp3_for_all_of_its_bus_clock_and_reports_it() -> None:
     path = create(2)
     cell, other = Cell(clock=SharedClock(path, 0)), SharedClock(path, 1)
     with pytest.raises(AssertionError):
@@ -163,7 +163,7 @@ def test_a_robot_waits_in_cp3_until_all_of_its_bus_clock_are_ready_and_says_so()
     assert cell.robot.progress().waiting == ''
 
 
-def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_say() -> None:
+def test_bus_phases_up_and_the_robot_is_at_the_position_of_the_drives() -> None:
     cell = Cell()
     assert cell.robot.closed() is not None
     cell.come_up()
@@ -172,7 +172,7 @@ def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_s
     assert cell.robot.progress().tcp_m == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
 
 
-def test_the_ticks_of_cycles_begin_with_their_schedule_before_the_phase_is_told(cell: Cell) -> None:
+def test_cycle_ticks_begin_with_their_schedule_before_the_phase_is_published(cell: Cell) -> None:
     assert cell.ticks_from == [Phase.CP3]
 
 
@@ -185,7 +185,7 @@ def test_without_answers_no_more_cycles_start_than_may_be_outstanding(cell: Cell
     assert max(cell.sent) == OUTSTANDING
 
 
-def test_every_cycle_is_sent_once_and_told_once_in_its_order(cell: Cell) -> None:
+def test_every_cycle_is_sent_and_published_once_in_order(cell: Cell) -> None:
     cell.run(200)
     assert cell.told == list(range(200))
     assert list(cell.sent) == list(range(200 + OUTSTANDING))
@@ -213,13 +213,13 @@ def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_r
     assert 'there is a second writer' in cell.fault
 
 
-def test_an_at_of_a_cycle_to_come_lets_the_phase_fall(cell: Cell) -> None:
+def test_at_of_a_future_cycle_drops_the_phase(cell: Cell) -> None:
     cell.robot.cycles.take(0, OUTSTANDING, ((0.0, 0.0, 0.0), READY, 0), 0)
     assert cell.robot.bus.phase == Phase.CP0
     assert 'without the master (8506)' in cell.fault
 
 
-def test_when_all_are_silent_the_phase_falls(cell: Cell) -> None:
+def test_phase_drops_when_all_participants_are_silent(cell: Cell) -> None:
     cell.run(10)
     cell.wait(BUS_SILENT_S + 2 * REPORT_S)
     assert cell.robot.bus.phase == Phase.CP0
@@ -227,7 +227,7 @@ def test_when_all_are_silent_the_phase_falls(cell: Cell) -> None:
     assert cell.reports > 0
 
 
-def test_without_one_drive_the_others_go_on_to_their_stop_and_then_the_phase_falls(cell: Cell) -> None:
+def test_others_continue_to_their_stop_without_a_drive_before_the_phase_drops(cell: Cell) -> None:
     cell.run(10)
     cell.run(OUTSTANDING, axes=(0, 2))
     answered = cell.robot.answered
@@ -239,7 +239,7 @@ def test_without_one_drive_the_others_go_on_to_their_stop_and_then_the_phase_fal
     assert cell.robot.bus.phase == Phase.CP0
 
 
-def test_nothing_is_silent_while_nothing_is_awaited() -> None:
+def test_nothing_is_reported_silent_before_it_is_expected() -> None:
     cell = Cell()
     cell.wait(2 * BUS_SILENT_S)
     assert cell.fault == ''
@@ -247,7 +247,7 @@ def test_nothing_is_silent_while_nothing_is_awaited() -> None:
 
 @pytest.mark.parametrize(('name', 'phase'), [('axis1', Phase.CP4), (PLANT, Phase.CP0)])
 @pytest.mark.parametrize('occasion', [Occasion.STARTED, Occasion.LEFT])
-def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
+def test_joining_or_leaving_drive_stops_the_robot_and_the_plant_ends_the_bus(
     name: str, phase: Phase, occasion: Occasion, cell: Cell
 ) -> None:
     cell.run(10)
@@ -256,7 +256,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
     assert cell.robot.bus.phase == phase
 
 
-def test_bus_time_goes_on_after_a_fall_and_nothing_is_enabled_by_itself(cell: Cell) -> None:
+def test_bus_time_continues_after_a_phase_drop_and_nothing_is_enabled(cell: Cell) -> None:
     cell.robot.enabling.enable(None)
     cell.run(100)
     assert cell.robot.state.in_torque
@@ -271,7 +271,7 @@ def test_bus_time_goes_on_after_a_fall_and_nothing_is_enabled_by_itself(cell: Ce
     assert not cell.robot.state.in_torque
 
 
-def test_answers_that_come_after_the_fall_count_for_nothing(cell: Cell) -> None:
+def test_ats_after_the_end_of_cyclic_operation_are_ignored(cell: Cell) -> None:
     cell.run(10)
     cell.hear(PLANT, Occasion.LEFT)
     cell.robot.cycles.take(0, 11, ((0.0, 0.0, 0.0), READY, 0), 0)
@@ -387,14 +387,14 @@ def test_a_cycle_is_evaluated_with_its_inputs_and_not_before() -> None:
     assert cell.robot.progress().lost_telegrams == cell.robot.totals()['input_losses'] == 1
 
 
-def test_inputs_of_a_cycle_to_come_are_refused() -> None:
+def test_inputs_of_a_future_cycle_are_rejected() -> None:
     cell = Cell(inputs=('part',)).come_up()
     cell.robot.cycles.take_inputs(OUTSTANDING, 1)
     assert cell.refused == [f'inputs of bus cycle {OUTSTANDING} are ahead of bus time']
     assert cell.robot.cycles.inputs.bits == 0
 
 
-def test_a_bus_whose_inputs_are_silent_falls() -> None:
+def test_bus_without_inputs_falls_back() -> None:
     cell = Cell(inputs=('part',)).come_up()
     cell.run(OUTSTANDING)
     cell.wait(BUS_SILENT_S + 2 * REPORT_S)

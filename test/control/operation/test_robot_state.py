@@ -1,4 +1,4 @@
-"""Facts about the state of the robot: every row of the table of transitions, and what is refused besides."""
+"""Tests of the state of the robot: every row of the table of transitions, and what is refused besides."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ def let_it_happen(rig: Any, event: Event) -> Any:
 
 
 @pytest.mark.parametrize(('state', 'event'), TRANSITIONS, ids=str)
-def test_every_transition_leads_where_the_table_says(state: MotionState, event: Event, rig: Any) -> None:
+def test_every_transition_leads_to_the_state_of_the_table(state: MotionState, event: Event, rig: Any) -> None:
     rig.lead_to(state)
     rig.said.clear()
     assert let_it_happen(rig, event)
@@ -58,7 +58,7 @@ REQUESTS = {Event.START, Event.CHANGE, Event.HOLD, Event.ABORT, Event.RESET}
     ('state', 'event'),
     [(s, e) for s in MotionState for e in sorted(REQUESTS) if (s, e) not in TRANSITIONS],
 )
-def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
+def test_what_is_not_in_the_table_is_rejected_and_changes_nothing(
     state: MotionState, event: Event, rig: Any
 ) -> None:
     rig.lead_to(state)
@@ -93,7 +93,7 @@ def test_every_state_can_be_reached_and_left() -> None:
     assert {event for _, event in TRANSITIONS} == set(Event)
 
 
-def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig: Any) -> None:
+def test_a_resume_after_an_abort_is_rejected_although_the_master_still_stops(rig: Any) -> None:
     rig.lead_to('stopping')
     assert rig.do('abort') == (True, 'the program is aborted')
     profile = rig.task.profile
@@ -103,7 +103,7 @@ def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig:
     assert rig.task.profile is profile
 
 
-def test_a_program_that_is_given_up_where_it_stands_does_not_go_on_in_the_same_cycle(rig: Any) -> None:
+def test_aborted_program_does_not_continue_in_the_same_cycle(rig: Any) -> None:
     rig.lead_to('stopped')
     timeline = rig.task.profile
     assert rig.state.abort() == 'the program is aborted'
@@ -132,7 +132,7 @@ def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig:
     assert figures.at_current_peak_a == [0.0] * 3
 
 
-def test_currents_that_are_told_late_are_not_those_of_the_next_program(rig: Any) -> None:
+def test_late_currents_do_not_count_for_the_next_program(rig: Any) -> None:
     rig.lead_to(MotionState.MOVING)
     rig.run(1000)
     late = [act for act in rig.said if isinstance(act, AccessRequested)]

@@ -1,4 +1,4 @@
-"""Facts about the gate of a script: the bus waits for decisions, and these have the same effect on every bus."""
+"""Tests of the gate of a script: the bus waits for decisions, and these have the same effect on every bus."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_each_row_of_the_table_and_nothing_else_happens(gate, state, event):
     assert held is (step is not None and step.holds_robot)
 
 
-def test_a_script_that_is_lost_stops_the_robot_and_one_that_ends_does_not():
+def test_lost_script_stops_the_robot_and_a_finished_one_does_not():
     for state in (GateState.RUNNING, GateState.WAITING):
         assert TRANSITIONS[state, GateEvent.CONTROL_LOST].holds_robot
         assert not TRANSITIONS[state, GateEvent.END].holds_robot
@@ -62,7 +62,7 @@ def test_a_wait_ends_with_the_first_answers_that_meet_it(gate):
     assert (gate.state, gate.cycle, gate.met) == (GateState.WAITING, 12, True)
 
 
-def test_a_wait_that_is_over_says_that_it_was_not_met(gate):
+def test_expired_wait_reports_that_its_condition_was_not_met(gate):
     gate.attach(10)
     gate.wait(WaitCondition(0, 12, inputs_on=1))
     for cycle in (10, 11, 12):

@@ -1,4 +1,4 @@
-"""Facts about a script that asks the controller of a robot: who may, what it is told, and what ends it."""
+"""Tests of a script that asks the controller of a robot: who may, what it is told, and what ends it."""
 
 import json
 
@@ -58,7 +58,7 @@ def moving(node, called):
     return called
 
 
-def test_a_script_that_asks_has_the_bits_of_one_that_is_simulated(robot, node, called):
+def test_script_with_queries_has_the_bits_of_the_simulation(robot, node, called):
     with scripting.simulate(robot) as simulated:
         drive(simulated)
     trace = simulated.trace
@@ -71,7 +71,7 @@ def test_a_script_that_asks_has_the_bits_of_one_that_is_simulated(robot, node, c
     assert (called.late, called.late_cycles) == (0, 0)
 
 
-def test_who_has_no_control_decides_nothing(node):
+def test_script_without_control_decides_nothing(node):
     reason, _ = node.ask(ATTACH, operator='0011223344556677')
     assert (reason.code, node.controller.scripts.operator) == (Code.CONTROL, '')
     node.controller.control.release(node.identity)
@@ -80,12 +80,12 @@ def test_who_has_no_control_decides_nothing(node):
 
 
 @pytest.mark.parametrize('action', [POLL, WAIT, HOLD, END])
-def test_who_has_not_begun_asks_for_nothing(node, action):
+def test_client_requests_nothing_before_its_begin(node, action):
     reason, _ = node.ask(action)
     assert reason.code is Code.STATE
 
 
-def test_an_action_that_there_is_not_is_refused(node, called):
+def test_an_action_that_there_is_not_is_rejected(node, called):
     reason, _ = node.ask('explode')
     assert str(reason) == "a script cannot request 'explode'"
 
@@ -95,19 +95,19 @@ def test_an_action_that_there_is_not_is_refused(node, called):
              WaitCondition(0, 5).to_json().replace('5', '5.5'),
              WaitCondition(0, 5).to_json().replace('false', '0')],
 )  # fmt: skip
-def test_a_condition_that_is_none_is_refused_and_the_bus_waits_on(node, called, text):
+def test_invalid_condition_is_rejected_and_the_bus_keeps_waiting(node, called, text):
     reason, _ = node.ask(WAIT, text)
     assert reason.code is Code.CONTENT
     assert node.controller.gate.state is GateState.WAITING
 
 
 @pytest.mark.parametrize('text', ['', '-1', '1.5', 'soon', '9' * 20])
-def test_a_hold_at_no_bus_cycle_is_refused(node, called, text):
+def test_a_hold_at_no_bus_cycle_is_rejected(node, called, text):
     reason, _ = node.ask(HOLD, text)
     assert reason.code is Code.CONTENT
 
 
-def test_a_script_that_waits_is_told_that_it_is_not_forgotten(node, called):
+def test_waiting_script_receives_signs_of_life(node, called):
     moving(node, called)
     node.controller.control.receive_heartbeat(node.identity, 1, 1.0)
     node.controller.poll(1.0)
@@ -127,7 +127,7 @@ def test_a_script_that_has_lost_control_leaves_the_robot_in_a_stop_on_its_path(n
     assert node.bus.commands[-1] == node.bus.commands[-2]
 
 
-def test_a_script_that_is_lost_while_the_bus_waits_for_it_lets_the_bus_go_on_to_the_stop(node, called):
+def test_script_lost_during_its_turn_lets_the_bus_continue_to_the_stop(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     assert node.controller.gate.closed
@@ -162,7 +162,7 @@ def test_a_hold_from_outside_while_the_script_decides_ends_its_next_wait_at_once
     assert called.position()[0] == pytest.approx(0.15, abs=1e-4)
 
 
-def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot, node, called):
+def test_script_held_by_another_client_during_a_wait_follows_and_resumes(robot, node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
 
@@ -189,7 +189,7 @@ def test_an_abort_from_outside_ends_the_script(node, called):
     assert refused.value.code is Code.STATE
 
 
-def test_an_abort_that_is_refused_because_nothing_is_driven_leaves_the_script_waiting(node, called):
+def test_an_abort_that_is_rejected_because_nothing_is_driven_leaves_the_script_waiting(node, called):
     called.wait_time(0.1)
     node.post(WAIT, WaitCondition(10**6, 10**6).to_json())
     assert node.controller.scripts.abort().code is Code.STATE
@@ -225,7 +225,7 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     assert str(reason).endswith(': delta3 move abort ends its program')
 
 
-def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script_begins(robot, node, called):
+def test_held_program_of_the_planner_can_be_resumed_before_a_script_begins(robot, node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     called.abort()
@@ -277,7 +277,7 @@ class InterruptedNode(ServedNode):
         raise KeyboardInterrupt
 
 
-def test_a_script_that_is_interrupted_before_it_hears_of_its_order_leaves_the_robot_held(robot):
+def test_script_interrupted_before_its_reply_leaves_the_robot_held(robot):
     node = InterruptedNode(robot)
 
     def main():
@@ -307,7 +307,7 @@ def test_a_script_that_is_announced_begins_in_its_bus_cycle(robot):
     assert gate.begins > 10**15
 
 
-def test_a_planner_that_is_heard_first_while_a_script_drives_changes_nothing(robot, node, called):
+def test_planner_first_received_during_a_script_changes_nothing(robot, node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     orders, planners = node.controller.orders, node.controller.planners
@@ -331,7 +331,7 @@ def answered_while_the_bus_waits(node, called):
     return node.controller.answered
 
 
-def test_a_script_that_ends_lets_the_bus_go_on_with_what_was_answered_meanwhile(node, called):
+def test_ended_script_lets_the_bus_continue_with_later_replies(node, called):
     before = answered_while_the_bus_waits(node, called)
     node.ask(END)
     for _ in range(50):
@@ -339,7 +339,7 @@ def test_a_script_that_ends_lets_the_bus_go_on_with_what_was_answered_meanwhile(
     assert node.controller.answered > before + 40
 
 
-def test_a_script_that_is_gone_lets_the_bus_go_on_with_what_was_answered_meanwhile(node, called):
+def test_lost_script_lets_the_bus_continue_with_later_replies(node, called):
     before = answered_while_the_bus_waits(node, called)
     node.controller.control.release(node.identity)
     node.controller.poll(1.0)

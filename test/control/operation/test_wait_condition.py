@@ -1,4 +1,4 @@
-"""Facts about what scripts wait for: a condition is met in the same bus cycle on every bus."""
+"""Tests of what scripts wait for: a condition is met in the same bus cycle on every bus."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def test_a_condition_is_met_by(fact):
 
 
 @pytest.mark.parametrize('fact', FACTS, ids=range(len(FACTS)))
-def test_no_condition_is_met_before_the_earliest_cycle_that_is_told(fact):
+def test_condition_is_met_in_its_earliest_cycle_at_the_soonest(fact):
     condition, _, commanded, loaded, _, inputs, _ = fact
     earliest = condition.earliest(commanded, loaded)
     assert not any(

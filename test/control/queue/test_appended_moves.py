@@ -1,4 +1,4 @@
-"""Facts about moves that follow while the robot moves or is held: the path goes on without a jump, whatever comes."""
+"""Tests of moves that follow while the robot moves or is held: the path goes on without a jump, whatever comes."""
 
 import json
 from dataclasses import replace
@@ -61,7 +61,7 @@ def driver(rig: Any) -> Driver:
     return Driver(rig)
 
 
-def test_moves_sent_in_a_row_are_driven_in_a_row_and_each_is_told_to_its_end(driver: Driver) -> None:
+def test_moves_sent_in_a_row_are_executed_in_a_row_and_reported_to_their_end(driver: Driver) -> None:
     driver.ask(ALONG % '')
     assert driver.ask(UP).startswith('1 statements follow')
     driver.ask(BACK)
@@ -73,7 +73,7 @@ def test_moves_sent_in_a_row_are_driven_in_a_row_and_each_is_told_to_its_end(dri
     assert [driver.states(n)[:2] for n in range(3)] == [['planning', 'queued']] * 3
 
 
-def test_arm_angles_that_are_sent_while_the_robot_moves_are_driven_behind_its_moves(driver: Driver) -> None:
+def test_arm_angles_sent_during_motion_are_executed_after_its_moves(driver: Driver) -> None:
     driver.ask(ALONG % ', blend_m: 0.02')
     driver.rig.run(30)
     angles = kinematics.inverse((0.1, 0.03, -0.76), driver.rig.robot.kinematics).tolist()
@@ -91,7 +91,7 @@ def test_arm_angles_that_are_sent_while_the_robot_moves_are_driven_behind_its_mo
 
 
 @pytest.mark.parametrize('override', ['100', '40', '150'])
-def test_the_corner_to_a_move_that_follows_is_rounded_on_the_way(override: str, driver: Driver) -> None:
+def test_corner_to_an_appended_move_is_rounded_during_motion(override: str, driver: Driver) -> None:
     driver.rig.ask('override', override)
     driver.ask(ALONG % ', blend_m: 0.02')
     driver.rig.run(30)
@@ -106,7 +106,7 @@ def test_the_corner_to_a_move_that_follows_is_rounded_on_the_way(override: str, 
     assert np.abs(path[-1] - [0.1, 0.06, -0.74]).max() < 1e-7
 
 
-def test_a_corner_that_is_too_near_is_not_rounded_and_the_answer_says_so(driver: Driver) -> None:
+def test_near_corner_is_not_rounded_and_the_reply_reports_it(driver: Driver) -> None:
     driver.ask(ALONG % ', blend_m: 0.02')
     while np.linalg.norm(driver.tcp[-1] - CORNER) > 0.012:
         driver.rig.run(1)
@@ -210,7 +210,7 @@ def test_an_override_and_moves_that_follow_do_not_disturb_one_another(driver: Dr
     assert np.abs(driver.tcp[-1] - [0.0, 0.06, -0.75]).max() < 1e-7
 
 
-def test_a_refusal_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None:
+def test_a_rejection_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None:
     driver.ask(ALONG % ', blend_m: 0.02')
     before = driver.rig.task.timeline
     refused = (
@@ -236,7 +236,7 @@ def rounded_moves(count: int) -> tuple[list[np.ndarray], list[str]]:
     return points, [text.format(*point) for point in points]
 
 
-def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver: Driver) -> None:
+def test_long_stream_of_blended_moves_continues_and_the_plan_stays_short(driver: Driver) -> None:
     points, moves = rounded_moves(APPENDED_MAX + 30)
     moves[39::40] = [move.replace(', blend_m: 0.004', '') for move in moves[39::40]]
     for n in range(0, len(moves), 5):
@@ -276,7 +276,7 @@ def test_the_same_requests_in_the_same_cycles_give_the_same_bits(new_rig: Any) -
     assert np.array_equal(drive(), drive())
 
 
-def test_moves_of_an_operator_who_loses_control_before_they_are_taken_are_refused(driver: Driver) -> None:
+def test_pending_moves_of_an_operator_without_control_are_rejected(driver: Driver) -> None:
     rig = driver.rig
     rig.take_control('A')
     rig.ask('move', ALONG % '', 'A')

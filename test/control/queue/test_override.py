@@ -1,4 +1,4 @@
-"""Facts about the override: when a change counts, and what becomes of one that comes too late."""
+"""Tests of the override: when a change counts, and what becomes of one that comes too late."""
 
 import math
 
@@ -20,7 +20,7 @@ def client(robot) -> Client:
 
 
 @for_each('percent', range(1, 201))
-def test_the_allowed_percentage_is_the_largest_whole_one_that_is_accepted(percent: int) -> None:
+def test_allowed_percentage_is_the_largest_accepted_integer(percent: int) -> None:
     override = percent / 100.0
     assert percent_allowed(override) == percent
     assert percent_allowed(math.nextafter(override, 0.0)) == percent - 1

@@ -1,4 +1,4 @@
-"""Facts about the planner: whom it believes, what it answers and when, and what it does when nobody answers it."""
+"""Tests of the planner: whom it believes, what it answers and when, and what it does when nobody answers it."""
 
 from dataclasses import replace
 from typing import Any
@@ -28,7 +28,7 @@ def client(robot) -> Client:
     return Client(robot)
 
 
-def test_a_start_is_answered_when_its_verdict_comes_and_not_before(client: Client) -> None:
+def test_start_is_answered_with_its_result_and_not_before(client: Client) -> None:
     ordered = client.order()
     assert client.none(Replied)
     assert client.verdict(ordered.number)
@@ -36,7 +36,7 @@ def test_a_start_is_answered_when_its_verdict_comes_and_not_before(client: Clien
     assert (reason, sentence.startswith('started "program": 1 move')) == (None, True)
 
 
-def test_a_refused_start_puts_the_queue_back_and_the_next_one_may_succeed(client: Client) -> None:
+def test_a_rejected_start_puts_the_queue_back_and_the_next_one_may_succeed(client: Client) -> None:
     ordered = client.order()
     assert client.planner.queue == (0, 0.0)
     client.verdict(ordered.number, 'disabled', 'the drives are not enabled')
@@ -56,7 +56,7 @@ def test_a_verdict_that_was_lost_is_read_out_of_the_status(client: Client) -> No
     assert client.answer()[0] is None
 
 
-def test_an_order_that_nobody_answers_is_taken_back_and_the_queue_is_as_before(client: Client) -> None:
+def test_unanswered_command_is_cancelled_and_the_queue_is_restored(client: Client) -> None:
     ordered = client.order()
     client.now_s += VERDICT_S - 0.1
     client.planner.poll(client.now_s)
@@ -78,7 +78,7 @@ def test_a_plan_that_is_still_being_checked_may_take_its_time(client: Client) ->
 
 
 @pytest.mark.parametrize('change', [{'session': 'ffff'}, {'planner': 'ffffffff'}, {'number': 99}])
-def test_a_verdict_for_somebody_else_counts_for_nothing(change: dict[str, Any], client: Client) -> None:
+def test_result_for_another_client_is_ignored(change: dict[str, Any], client: Client) -> None:
     ordered = client.order()
     verdict = replace(Verdict('5e55', ME, ordered.number, True, '', ''), **change)
     assert not client.planner.receive_verdict(verdict, client.now_s)
@@ -92,7 +92,7 @@ def test_a_status_that_is_played_back_changes_nothing(client: Client) -> None:
     assert client.planner.motion == 'moving'
 
 
-def test_another_master_is_believed_when_the_present_one_says_nothing_any_more(client: Client) -> None:
+def test_another_master_is_accepted_when_the_present_one_is_silent(client: Client) -> None:
     other = replace(client.told, session='beef', state='error', serial=1)
     client.now_s += MASTER_SILENT_S - 0.1
     assert not client.planner.receive_status(other, client.now_s)
@@ -135,7 +135,7 @@ def test_the_state_is_mirrored_once_for_each_change(client: Client) -> None:
     assert client.do(Entered).state == 'moving'
 
 
-def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(client: Client) -> None:
+def test_client_ahead_of_the_planner_is_served_when_control_is_known(client: Client) -> None:
     client.ask('clear', control=1)
     assert client.none(Replied)
     client.say(control=1, operator='op', operator_name='Anna')
@@ -144,14 +144,14 @@ def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(clien
     assert client.answer()[0].code == Code.CONTROL
 
 
-def test_control_that_never_becomes_known_makes_nobody_wait_for_ever(client: Client) -> None:
+def test_unknown_control_does_not_block_clients_forever(client: Client) -> None:
     client.ask('clear', control=7)
     client.now_s += NEWS_S
     client.planner.poll(client.now_s)
     assert client.answer() == (None, 'the queue is empty')
 
 
-def test_a_refusal_for_a_state_is_given_on_news_that_are_younger_than_the_request(client: Client) -> None:
+def test_a_rejection_for_a_state_is_given_on_news_that_are_younger_than_the_request(client: Client) -> None:
     client.queue()
     client.say(refusal='the drives are not enabled', refusal_code='disabled')
     client.ask('start')
@@ -161,7 +161,7 @@ def test_a_refusal_for_a_state_is_given_on_news_that_are_younger_than_the_reques
     assert client.answer()[0] is None
 
 
-def test_a_refusal_stands_if_the_news_say_the_same(client: Client) -> None:
+def test_rejection_remains_if_the_state_is_repeated(client: Client) -> None:
     client.queue()
     client.say(refusal='the drives are not enabled', refusal_code='disabled')
     client.ask('start')
@@ -191,7 +191,7 @@ def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothin
     assert client.planner.queue[0] == 0
 
 
-def test_nobody_withdraws_the_request_of_another(client: Client) -> None:
+def test_client_cannot_cancel_the_request_of_another(client: Client) -> None:
     request = client.ask('program', LINE)
     client.ask('withdraw', str(request.number), operator='other')
     client.plan()
@@ -217,7 +217,7 @@ def test_requests_are_served_in_their_order_and_only_so_many_wait(client: Client
     assert served == [first, *others]
 
 
-def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -> None:
+def test_used_number_is_skipped(client: Client) -> None:
     ordered = client.order()
     client.verdict(ordered.number, 'foreign', 'order 1 of this planner was received before')
     again = client.do(Ordered)
@@ -240,7 +240,7 @@ def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> No
     assert 'its speed cannot be limited' in refused.reason.sentence
 
 
-def test_a_job_that_is_given_up_says_so(robot) -> None:
+def test_cancelled_job_reports_it(robot) -> None:
     def stop(done: int, total: int) -> None:
         raise CancelledError(f'given up at {done} of {total}')
 
@@ -249,7 +249,7 @@ def test_a_job_that_is_given_up_says_so(robot) -> None:
     assert (result.reason.code, result.reason.sentence) == (Code.WITHDRAWN, 'given up at 0 of 1')
 
 
-def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_can(robot) -> None:
+def test_start_program_is_planned_and_started_when_possible(robot) -> None:
     from delta3_pacdrive.planning.program import file_reader as program_file
 
     given = program_file.load('experiment1', robot.motion)
@@ -268,9 +268,7 @@ def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_c
 
 
 @pytest.mark.parametrize('head', ['payload_kg: 0.5', 'tools: {cup: {mass_kg: 0.5}}\ntool: cup'])
-def test_a_program_that_carries_something_from_its_start_waits_behind_no_other_moves(
-    client: Client, head: str
-) -> None:
+def test_program_with_initial_payload_waits_after_no_other_moves(client: Client, head: str) -> None:
     client.queue(f'{head}\n{LINE}')
     client.ask('clear')
     client.answer()
@@ -288,7 +286,7 @@ BEFORE = (
 
 
 @pytest.mark.parametrize('start', ['[0.1, 0.05, -0.75]', '[0.1, 0.02, -0.75]'], ids=['there', 'elsewhere'])
-def test_a_program_behind_others_in_the_queue_has_to_start_where_they_end(client: Client, start: str) -> None:
+def test_queued_program_starts_at_the_end_of_the_one_before(client: Client, start: str) -> None:
     client.queue(BEFORE)
     client.ask('program', f'start_m: {start}\n{LINE}')
     client.plan()
@@ -299,7 +297,7 @@ def test_a_program_behind_others_in_the_queue_has_to_start_where_they_end(client
         assert reason is None
 
 
-def test_a_move_behind_a_program_of_several_lines_is_refused_by_its_number(client: Client) -> None:
+def test_move_after_a_program_of_several_lines_is_rejected_by_its_number(client: Client) -> None:
     client.queue('moves:\n- move_l: {to_m: [0.1, 0.0, -0.75]}\n- move_l: {to_m: [0.0, 0.0, -0.75]}\n')
     client.ask('program', 'moves: [{move_l: {to_m: [2.0, 0.0, -0.8]}}]')
     client.plan()

@@ -1,4 +1,4 @@
-"""Facts about a change of the running program: every row of its table, and what holds after any events."""
+"""Tests of a change of the running program: every row of its table, and what holds after any events."""
 
 from typing import Any
 
@@ -42,9 +42,7 @@ class Source:
 
 @pytest.mark.parametrize('state', ChangeState)
 @pytest.mark.parametrize('event', ChangeEvent)
-def test_every_event_leads_where_the_table_says_and_nowhere_else(
-    state: ChangeState, event: ChangeEvent
-) -> None:
+def test_every_event_leads_to_the_state_of_the_table(state: ChangeState, event: ChangeEvent) -> None:
     change = Source().change
     change.state = state
     change.handle(event)

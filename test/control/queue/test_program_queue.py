@@ -1,4 +1,4 @@
-"""Facts about the queue: one program that grows, and what is known of its plan."""
+"""Tests of the queue: one program that grows, and what is known of its plan."""
 
 from typing import Any
 
@@ -43,7 +43,7 @@ def test_a_planned_queue_knows_how_long_it_takes(planned: tuple[Program, Planned
     assert duration_s == planned[1].plan.duration_s > 0.5
 
 
-def test_a_robot_that_stands_elsewhere_keeps_the_moves_and_forgets_the_plan(
+def test_robot_at_another_position_keeps_the_moves_and_discards_the_plan(
     planned: tuple[Program, Planned],
 ) -> None:
     queue = ProgramQueue(None)

@@ -1,4 +1,4 @@
-"""Facts about the program that was ordered last: every row of its table, and what holds after any events."""
+"""Tests of the program that was ordered last: every row of its table, and what holds after any events."""
 
 from typing import Any
 
@@ -56,7 +56,7 @@ def lead(run: ProgramRun, order: Order, *events: RunEvent) -> list[Any]:
 
 
 @pytest.mark.parametrize(('state', 'event'), TRANSITIONS, ids=str)
-def test_every_row_leads_where_the_table_says(
+def test_every_row_leads_to_the_state_of_the_table(
     state: RunState, event: RunEvent, order: Order, run: ProgramRun
 ) -> None:
     lead(run, order, *WAYS[state])
@@ -104,7 +104,7 @@ def test_after_any_events_state_timeline_and_what_is_left_agree(order: Order, ev
     assert set(revoked) <= set(numbers)
 
 
-def test_a_refused_order_leaves_what_was_left_before(order: Order, run: ProgramRun) -> None:
+def test_a_rejected_order_leaves_what_was_left_before(order: Order, run: ProgramRun) -> None:
     lead(run, order, E.ORDER, E.ACCEPT, E.FAIL, E.LOCATE)
     cut_off = run.cut_off
     assert cut_off is not None

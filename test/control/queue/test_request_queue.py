@@ -1,4 +1,4 @@
-"""Facts about requests that wait: they are served in their order, taken back by their operator, and not for ever."""
+"""Tests of requests that wait: they are served in their order, taken back by their operator, and not for ever."""
 
 import pytest
 from hypothesis import given
@@ -55,7 +55,7 @@ def test_after_any_steps_each_request_was_served_or_taken_back_once_in_its_order
         assert [one for one in answers if one[0].action == 'start'] == expected
 
 
-def test_a_refusal_for_a_state_may_be_outdated_until_there_are_news_or_for_a_while() -> None:
+def test_a_rejection_for_a_state_may_be_outdated_until_there_are_news_or_for_a_while() -> None:
     waiting = Waiting(Request('me', '', 1, 0, 'start'), 10.0, 7)
     for code in Code:
         reason = Reason(code, 'no')

@@ -1,4 +1,4 @@
-"""Facts about tracked requests: each change is told once, and a request is done when its last statement is."""
+"""Tests of tracked requests: each change is told once, and a request is done when its last statement is."""
 
 import pytest
 
@@ -62,7 +62,7 @@ def test_an_output_ends_with_the_move_before_it(told: Told) -> None:
     assert told.new() == [('a', 'done', 0), ('b', 'running', 1)]
 
 
-def test_what_is_given_up_and_what_never_started_says_why(told: Told) -> None:
+def test_cancelled_and_unstarted_jobs_report_the_reason(told: Told) -> None:
     told.tracker.begin('c')
     told.tracker.reject('c', GONE)
     told.tracker.abort_queued(GONE)
@@ -71,7 +71,7 @@ def test_what_is_given_up_and_what_never_started_says_why(told: Told) -> None:
     assert told.new() == [('d', 'refused', 0)]
 
 
-def test_moves_that_follow_are_driven_behind_the_others(told: Told) -> None:
+def test_appended_moves_are_executed_after_the_others(told: Told) -> None:
     told.tracker.start([(0, 0.1), (1, 0.2), (2, 0.1)])
     told.tracker.reach(1, 0.0)
     told.new()
@@ -86,7 +86,7 @@ def test_moves_that_follow_are_driven_behind_the_others(told: Told) -> None:
     assert told.new() == [('c', 'aborted', 1)]
 
 
-def test_moves_of_one_request_start_by_themselves_and_are_told_by_their_id(robot) -> None:
+def test_moves_of_one_request_start_automatically_and_are_reported_by_their_id(robot) -> None:
     client = Client(robot)
     request = client.ask('move', STEPS, operator='')
     client.plan()
@@ -134,7 +134,7 @@ def test_moves_may_be_written_as_one_as_a_list_as_a_program_or_by_name(
         ('{move_l: {to_m: [0.1, 0.0, -8.0]}}', 'z is -8 m'),
     ],
 )
-def test_moves_that_are_wrong_are_refused_in_a_sentence_and_leave_the_queue(
+def test_moves_that_are_wrong_are_rejected_in_a_sentence_and_leave_the_queue(
     text: str, expected: str, robot
 ) -> None:
     client = Client(robot)

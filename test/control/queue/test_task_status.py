@@ -1,4 +1,4 @@
-"""Facts about the newest word of the transformation task: which words a planner believes."""
+"""Tests of the newest word of the transformation task: which words a planner believes."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_a_word_is_believed_that_is_new_and_of_the_same_master(change, after_s, 
         ({'session': 'cccc', 'previous': 'eeee'}, True),  # one of another
     ],
 )
-def test_a_word_of_elsewhere_tells_that_a_bag_is_played_back_for_a_while(change, foreign):
+def test_message_of_another_session_reports_a_playback_for_a_while(change, foreign):
     task = TaskStatus()
     assert task.played_back(10.0) is None
     task.take(FIRST, 10.0)

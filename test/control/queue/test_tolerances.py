@@ -1,4 +1,4 @@
-"""Facts about tolerances of trajectories: violated on the way or at the end, told once, with axis, value and limit."""
+"""Tests of tolerances of trajectories: violated on the way or at the end, told once, with axis, value and limit."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_arms_that_follow_as_drives_do_violate_nothing(robot, timeline):
         assert watch.follow(1, timeline, cycle, answered(timeline, cycle, 0.0)) is None
 
 
-def test_an_arm_off_its_path_is_told_once(robot, timeline):
+def test_arm_off_its_path_is_reported_once(robot, timeline):
     watch = ToleranceWatch(TIGHT, robot)
     assert watch.follow(1, timeline, 400, answered(timeline, 400, 0.5, 0.0099, 0.5)) is None
     reason = watch.follow(1, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0))
@@ -83,7 +83,7 @@ def at_the_end(robot, timeline, tolerances=TIGHT):
     return watch, sample_path([1.0], timeline.plan.move(0).segments)[0, 0]
 
 
-def test_who_stands_at_the_goal_in_time_is_left_alone(robot, timeline):
+def test_arm_at_the_goal_in_time_is_accepted(robot, timeline):
     watch, goal = at_the_end(robot, timeline)
     end = timeline.end_cycle
     assert watch.settle(end + 400, goal + 0.1, np.zeros(3)) is None
@@ -91,7 +91,7 @@ def test_who_stands_at_the_goal_in_time_is_left_alone(robot, timeline):
     assert watch.settle(end + 900, goal + 0.1, np.zeros(3)) is None  # that is over
 
 
-def test_an_arm_that_is_off_the_goal_after_the_goal_time_is_told_once(robot, timeline):
+def test_arm_off_the_goal_after_the_goal_time_is_reported_once(robot, timeline):
     watch, goal = at_the_end(robot, timeline)
     end = timeline.end_cycle
     assert watch.settle(end + 499, goal + 0.1, np.zeros(3)) is None
@@ -103,7 +103,7 @@ def test_an_arm_that_is_off_the_goal_after_the_goal_time_is_told_once(robot, tim
     assert watch.settle(end + 501, goal + 0.1, np.zeros(3)) is None
 
 
-def test_an_arm_that_still_moves_after_the_goal_time_is_told(robot, timeline):
+def test_moving_arm_after_the_goal_time_is_reported(robot, timeline):
     watch, goal = at_the_end(robot, timeline)
     reason = watch.settle(timeline.end_cycle + 500, goal, np.array([0.0, 0.0, -0.02]))
     assert reason is not None
@@ -159,7 +159,7 @@ def test_a_trajectory_that_a_fault_has_stopped_has_no_goal(robot):
     assert client.none(Replied)
 
 
-def test_a_trajectory_that_came_to_its_end_off_its_goal_is_told(robot):
+def test_trajectory_that_ends_off_its_goal_is_reported(robot):
     client, timeline, _ = driven(robot)
     last = timeline.end_cycle - 1
     client.planner.trajectory.observe(last, answered(timeline, last, 0.0), np.zeros(3))
@@ -168,7 +168,7 @@ def test_a_trajectory_that_came_to_its_end_off_its_goal_is_told(robot):
     assert 'goal tolerance violated: axis1 is 0.1' in client.do(Replied).reason.sentence
 
 
-def test_the_planner_stops_a_trajectory_that_violates_its_path_and_says_why(robot):
+def test_planner_stops_a_trajectory_off_its_path_with_the_reason(robot):
     client, timeline, number = driven(robot)
     client.planner.trajectory.observe(300, answered(timeline, 300, 0.0), np.zeros(3))
     assert client.planner.actions == []
@@ -192,7 +192,7 @@ def test_tolerances_of_a_trajectory_count_for_it_and_no_other(robot, timeline):
     assert not watch.active
 
 
-def test_a_goal_is_waited_for_although_nobody_has_looked_on_the_way(robot, timeline):
+def test_goal_completes_although_its_feedback_is_not_read(robot, timeline):
     watch = ToleranceWatch(Tolerances(), robot)
     watch.begin(1, TIGHT)
     watch.arrive(timeline)
@@ -204,7 +204,7 @@ def test_a_goal_is_waited_for_although_nobody_has_looked_on_the_way(robot, timel
     assert not watch.waits
 
 
-def test_tolerances_go_into_a_request_and_come_out_of_it():
+def test_tolerances_are_restored_from_a_request():
     text = TrajectoryRequest(1.0, [], TIGHT).to_json()
     assert TrajectoryRequest.from_json(text).tolerances == TIGHT
 
@@ -222,7 +222,7 @@ def test_tolerances_go_into_a_request_and_come_out_of_it():
         ({'more': 1}, 'tolerances must have the keys'),
     ],
 )
-def test_tolerances_that_are_none_are_refused(changed, reason):
+def test_invalid_tolerances_are_rejected(changed, reason):
     with pytest.raises(TelegramError, match=reason):
         Tolerances.from_fields(TIGHT.to_fields() | changed)
 
@@ -252,7 +252,7 @@ class Robot:
 @pytest.mark.parametrize(
     ('off', 'arrival'), [(0.0019, Arrival.REACHED), (0.003, Arrival.OFF_GOAL)], ids=['reached', 'off']
 )
-def test_whoever_asked_for_a_trajectory_is_told_whether_the_arms_have_come_to_its_goal(robot, off, arrival):
+def test_trajectory_client_receives_whether_the_arms_reached_the_goal(robot, off, arrival):
     moved = Robot(robot, TIGHT)
     client, identity = moved.client, moved.request.identity
     followed = []

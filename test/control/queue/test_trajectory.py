@@ -1,4 +1,4 @@
-"""Facts about trajectories of arm angles that are asked for: when they begin, what is late, what stops them."""
+"""Tests of trajectories of arm angles that are asked for: when they begin, what is late, what stops them."""
 
 import json
 
@@ -62,7 +62,7 @@ def test_points_that_are_late_are_dropped_and_the_others_keep_their_bus_time():
     assert times == pytest.approx([1.3 - 1.206, 2.0 - 1.206])
 
 
-def test_a_trajectory_that_is_over_is_refused_with_its_times():
+def test_a_trajectory_that_is_over_is_rejected_with_its_times():
     with pytest.raises(ProgramError) as caught:
         due(2.0, 0.5, 1.5)
     assert str(caught.value) == (
@@ -71,7 +71,7 @@ def test_a_trajectory_that_is_over_is_refused_with_its_times():
     )
 
 
-def test_a_stamp_of_a_wall_clock_is_refused():
+def test_a_stamp_of_a_wall_clock_is_rejected():
     with pytest.raises(
         ProgramError, match=r'header\.stamp is 1\.76e\+09 s, but bus time is 5\.000 s, .*not wall-clock time'
     ):
@@ -94,12 +94,12 @@ def test_a_stamp_of_a_wall_clock_is_refused():
         ('{"stamp_s": 0, "points": {}}', 'points of a trajectory is '),
     ],
 )
-def test_what_is_no_trajectory_is_refused(text, reason):
+def test_invalid_trajectory_is_rejected(text, reason):
     with pytest.raises(TelegramError, match=reason):
         TrajectoryRequest.from_json(text)
 
 
-def test_a_late_trajectory_of_points_without_times_is_refused():
+def test_a_late_trajectory_of_points_without_times_is_rejected():
     with pytest.raises(ProgramError, match='is not a point with a time_s'):
         TrajectoryRequest(1.0, [{'angles_rad': [0, 0, 0]}]).due(NEWEST, CYCLE_S)
 
@@ -107,7 +107,7 @@ def test_a_late_trajectory_of_points_without_times_is_refused():
 # the planner
 
 
-def test_a_trajectory_is_planned_and_ordered_by_itself_for_its_bus_cycle(client, robot):
+def test_trajectory_is_planned_and_sent_for_its_bus_cycle(client, robot):
     client.ask('trajectory', trajectory(robot, stamp_s=10.0))
     client.plan()
     ordered = client.do(Ordered)
@@ -124,7 +124,7 @@ def test_a_trajectory_without_a_stamp_begins_whenever_it_can(client, robot):
     assert (ordered.kind, ordered.row[0]) == (ORDER, SOON)
 
 
-def test_a_trajectory_that_reaches_the_task_too_late_for_its_cycle_is_refused(client, robot):
+def test_a_trajectory_that_reaches_the_task_too_late_for_its_cycle_is_rejected(client, robot):
     client.ask('trajectory', trajectory(robot, stamp_s=10.0))
     client.plan()
     client.verdict(client.do(Ordered).number, 'late', 'it came too late for bus cycle 10000')
@@ -132,7 +132,7 @@ def test_a_trajectory_that_reaches_the_task_too_late_for_its_cycle_is_refused(cl
     assert reason.code == Code.LATE
 
 
-def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_refused(client, robot):
+def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_rejected(client, robot):
     client.ask('trajectory', trajectory(robot, stamp_s=10.0))
     client.cycle = 10_000
     client.plan()
@@ -141,7 +141,7 @@ def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_refused(client, 
     assert client.none(Ordered)
 
 
-def test_a_refused_trajectory_leaves_the_robot_as_it_was(client, robot):
+def test_a_rejected_trajectory_leaves_the_robot_as_it_was(client, robot):
     client.ask('trajectory', trajectory(robot, by=2.0))
     client.plan()
     reason, _ = client.answer()
@@ -217,14 +217,14 @@ def test_a_stop_is_answered_when_it_is_certain_and_with_what_has_happened(case, 
     assert client.answer() == (None, sentence)
 
 
-def test_a_program_that_ends_before_its_stop_is_told_so(client):
+def test_program_that_ends_before_its_stop_is_reported(client):
     timeline = client.run()
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     client.say(state='idle', located=2, cycle=timeline.end_cycle + 5)
     assert client.answer() == (None, 'it was at its end before it could be stopped')
 
 
-def test_a_stop_that_nobody_answers_is_told_after_a_while_and_the_next_request_is_served(client):
+def test_unanswered_stop_is_reported_later_and_the_next_request_is_served(client):
     client.run()
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     client.now_s += VERDICT_S + 0.1
@@ -240,7 +240,7 @@ def test_an_empty_trajectory_stops_nothing_where_nothing_runs(client):
     assert client.none(Revoked)
 
 
-def test_who_has_no_control_moves_no_arm(client, robot):
+def test_client_without_control_moves_no_arm(client, robot):
     client.say(operator='other', operator_name='Eve', control=1)
     client.ask('trajectory', trajectory(robot))
     reason = client.do(Replied).reason

@@ -1,4 +1,4 @@
-"""Facts about what the robot can do at a pose, each against the equations of the machine over many directions."""
+"""Tests of what the robot can do at a pose, each against the equations of the machine over many directions."""
 
 import numpy as np
 import pytest
@@ -127,7 +127,7 @@ def test_an_acceleration_that_the_empty_plate_does_not_reach_leaves_no_payload(p
     assert (capability(points, robot, acceleration_m_s2=400.0).payload_kg == 0.0).all()
 
 
-def test_the_weakest_place_of_the_workspace_holds_what_the_parameters_say(robot):
+def test_weakest_pose_of_the_workspace_holds_the_payload_of_the_parameters(robot):
     k = robot.kinematics
     azimuth = np.linspace(0.0, 2.0 * np.pi, 361)
     rim = 0.5 * k.workspace_diameter_m * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)

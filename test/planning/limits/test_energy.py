@@ -1,4 +1,4 @@
-"""Facts about the energy of a motion: where it goes adds up."""
+"""Tests of the energy of a motion: where it goes adds up."""
 
 import numpy as np
 import pytest

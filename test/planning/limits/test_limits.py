@@ -1,4 +1,4 @@
-"""Facts about limits where they bind: what the planner allows is used up, and not exceeded.
+"""Tests of limits where they bind: what the planner allows is used up, and not exceeded.
 
 Nothing here takes the planner's own word: speed, acceleration and jerk of the TCP are differences of its sampled
 positions, the motors are differences of inverse kinematics, (4.26), friction and the winding's equation.
@@ -302,7 +302,7 @@ def test_a_program_that_was_slowed_down_for_its_rms_current_bears_no_override(ro
         ('parallel_singularity_min', 'the distance from the parallel singularity'),
     ],
 )
-def test_a_path_may_come_as_near_to_a_limit_of_the_arms_as_it_is_and_no_nearer(name, sentence, robot):
+def test_path_may_approach_a_limit_of_the_arms_up_to_its_margin(name, sentence, robot):
     end = (0.3, 0.3, -0.9)
     line = np.linspace(HOME, end, 2001)
     serial, parallel = kinematics.singularity(
@@ -317,7 +317,7 @@ def test_a_path_may_come_as_near_to_a_limit_of_the_arms_as_it_is_and_no_nearer(n
         plan(robot.replace(**{f'kinematics__{name}': float(own) * (1.0 - outwards * 1e-3)}), moves)
 
 
-def test_a_strangers_move_is_checked_at_the_rate_at_which_it_is_driven(robot):
+def test_external_move_is_checked_at_its_executed_rate(robot):
     move = plan(robot, [to(0.0, 0.4, -0.85, **limits(3.0, 60.0, 6e3)), REST]).plan.move(0)
     share = shares(robot, path(Plan.of([move])))['speed']
     slow = robot.replace(motor__max_speed_rpm=robot.motor.max_speed_rpm * 1.25 * share)
@@ -361,7 +361,7 @@ def test_the_stop_for_a_lost_axis_brakes_as_hard_as_the_robot_can(robot):
 
 
 @pytest.mark.parametrize(('before', 'after'), [(1.0, 1.5), (1.5, 1.0), (1.5, 0.5), (0.5, 1.0)])
-def test_the_way_to_another_override_takes_the_limits_of_the_larger_one(before, after, robot):
+def test_transition_to_another_override_uses_the_limits_of_the_larger_one(before, after, robot):
     timeline, cycle = running(robot, before)
     table = resume(timeline, cycle - round(0.1 / CYCLE_S), after).table
     room = max(1.0, before, after)

@@ -1,4 +1,4 @@
-"""Facts about paths (thesis 5, 6.1 to 6.3): lines, circles, splines, blends and cubics as pieces over the distance."""
+"""Tests of paths (thesis 5, 6.1 to 6.3): lines, circles, splines, blends and cubics as pieces over the distance."""
 
 import math
 
@@ -238,7 +238,7 @@ def test_an_arc_is_even_and_bends_as_its_circle_does(a, c, b):
     require_c2(curve)
 
 
-def test_the_long_way_round_is_taken_if_the_circle_point_lies_there():
+def test_long_arc_is_taken_if_the_circle_point_is_on_it():
     a, b = (0.1, 0.0, -0.8), (0.0, 0.1, -0.8)
     short = curves.arc(a, (0.1 * math.cos(0.5), 0.1 * math.sin(0.5), -0.8), b)
     long = curves.arc(a, (-0.1, 0.0, -0.8), b)
@@ -257,7 +257,7 @@ def test_coincident_points_of_an_arc_are_named(a, b):
 
 
 @given(points, points, st.floats(-2.0, 3.0))
-def test_three_points_on_a_line_are_no_circle(a, b, share):
+def test_three_points_on_a_line_are_not_a_circle(a, b, share):
     assume(math.dist(a, b) > 1e-2 and min(abs(share), abs(share - 1.0)) > 1e-2)
     via = np.array(a) + share * np.subtract(b, a)
     assert 'on a line: they do not define a circle' in refusal(curves.arc, a, via, b)
@@ -374,13 +374,13 @@ def test_a_spline_goes_through_100_points_and_not_through_101():
     assert refusal(curves.spline, p[:102]) == 'it goes through 101 points, the limit is 100'
 
 
-def test_a_spline_that_turns_back_is_refused_with_the_place():
+def test_a_spline_that_turns_back_is_rejected_with_the_place():
     there_and_back = [(0.0, 0.1, -0.8), (0.1, 0.1, -0.8), (0.0, 0.1, -0.8)]
     sentence = refusal(curves.spline, there_and_back)
     assert sentence == 'the spline turns too sharply near (0.1000, 0.1000, -0.8000) m'
 
 
-def test_a_cusp_between_the_points_is_refused_with_a_place():
+def test_a_cusp_between_the_points_is_rejected_with_a_place():
     """The curve x = t^2, y = t^3 is a cubic spline that stands still at t = 0, whatever its knots are."""
 
     cusp = (

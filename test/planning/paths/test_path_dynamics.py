@@ -1,4 +1,4 @@
-"""Facts about what a path asks of arms and motors."""
+"""Tests of what a path asks of arms and motors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Facts about profiles: rounding never rejects one, none exceeds a limit or takes longer than the optimum."""
+"""Tests of profiles: rounding never rejects one, none exceeds a limit or takes longer than the optimum."""
 
 import math
 

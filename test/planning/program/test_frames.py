@@ -1,4 +1,4 @@
-"""Facts about frames of work objects and about tools."""
+"""Tests of frames of work objects and about tools."""
 
 import math
 
@@ -33,7 +33,7 @@ def test_roll_pitch_and_yaw_turn_about_the_axes_of_the_parent_one_after_the_othe
 
 
 @given(POSES, POSES, POINTS)
-def test_a_chain_tells_points_as_one_frame_after_the_other(one, other, point):
+def test_chain_of_frames_transforms_like_single_frames_in_order(one, other, point):
     parent, child = framed(one), framed(other)
     chain = framed(other, parent)
     expected = parent.to_base(child.to_base(point))
@@ -75,7 +75,7 @@ def test_a_direction_is_turned_and_not_moved(pose, point, step):
 
 
 @given(POSES, st.floats(0.01, 1.0), st.floats(-1.0, 1.0), st.floats(0.01, 1.0))
-def test_three_taught_points_tell_the_frame_that_they_were_taken_from(pose, along, back, beside):
+def test_three_taught_points_restore_their_frame(pose, along, back, beside):
     frame = framed(pose)
     taught = Frame.taught(frame.to_base([[0, 0, 0], [along, 0, 0], [back, beside, 0]]))
     np.testing.assert_allclose(taught.origin_m, frame.origin_m, rtol=0, atol=ROUNDING_M)
@@ -95,7 +95,7 @@ def test_three_taught_points_tell_the_frame_that_they_were_taken_from(pose, alon
         ('here', "its taught points must be 3 x 3 numbers, not 'here'"),
     ],
 )
-def test_points_that_tell_no_frame_are_refused(points, sentence):
+def test_points_without_a_frame_are_rejected(points, sentence):
     with pytest.raises(ProgramError) as caught:
         Frame.taught(points, name='box')
     assert sentence in str(caught.value)
@@ -112,19 +112,19 @@ def test_points_that_tell_no_frame_are_refused(points, sentence):
         ({'axes': ((1, 0), (0, 1))}, 'axes must be 3 x 3 numbers'),
     ],
 )
-def test_axes_that_are_no_frame_are_refused(values, sentence):
+def test_axes_that_form_no_frame_are_rejected(values, sentence):
     with pytest.raises(ProgramError) as caught:
         Frame(**values, name='box')
     assert sentence in str(caught.value)
 
 
-def test_an_angle_that_is_not_finite_is_refused():
+def test_an_angle_that_is_not_finite_is_rejected():
     with pytest.raises(ProgramError, match='a frame: its angles must be finite'):
         Frame.turned(yaw_rad=math.inf)
 
 
 @pytest.mark.parametrize('shape', [(3,), (5, 3), (2, 4, 3), (0, 3)])
-def test_points_of_any_shape_go_in_and_come_out(shape):
+def test_points_of_any_shape_are_accepted_and_returned(shape):
     points = np.random.default_rng(1).normal(size=shape)
     frame, tool = Frame.turned(FAR, 0.1, 0.2, 0.3), Tool((0.01, 0.0, -0.05))
     for found in (frame.to_base(points), frame.from_base(points), frame.directions_to_base(points)):
@@ -134,7 +134,7 @@ def test_points_of_any_shape_go_in_and_come_out(shape):
 
 @pytest.mark.parametrize('take', [BASE.to_base, BASE.from_base, BASE.directions_to_base, Tool().plate_m])
 @pytest.mark.parametrize('points', [1.0, [1.0, 2.0], [[1.0], [2.0], [3.0]]])
-def test_what_are_no_points_is_refused(take, points):
+def test_invalid_points_are_rejected(take, points):
     with pytest.raises(ProgramError, match=r'must have shape \(\.\.\., 3\)'):
         take(points)
 
@@ -153,7 +153,7 @@ def test_a_long_chain_stays_orthonormal():
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-14)
 
 
-def test_a_tilt_is_told_from_base_and_not_from_the_parent():
+def test_tilt_is_measured_from_base_and_not_from_the_parent():
     parent = Frame.turned(FAR, pitch_rad=math.radians(20))
     assert parent.tilt_rad == pytest.approx(math.radians(20))
     assert Frame.turned(yaw_rad=1.0).tilt_rad == 0.0
@@ -176,7 +176,7 @@ def test_frames_and_tools_are_values():
 
 
 @given(POINTS, POINTS)
-def test_the_plate_stands_so_that_the_working_point_is_where_it_should_be(offset, point):
+def test_plate_is_placed_for_the_working_point(offset, point):
     tool = Tool(tuple(np.divide(offset, 2.0)))
     np.testing.assert_allclose(tool.plate_m(point) + np.array(tool.offset_m), point, rtol=0, atol=ROUNDING_M)
     np.testing.assert_allclose(tool.working_point_m(tool.plate_m(point)), point, rtol=0, atol=ROUNDING_M)
@@ -196,7 +196,7 @@ def test_the_plate_stands_so_that_the_working_point_is_where_it_should_be(offset
         ({'mass_kg': (1, 2)}, 'mass_kg must be a number, not (1, 2)'),
     ],
 )
-def test_what_is_no_tool_is_refused(values, sentence):
+def test_invalid_tool_is_rejected(values, sentence):
     with pytest.raises(ProgramError) as caught:
         Tool(**values, name='cup')
     assert sentence in str(caught.value)

@@ -1,4 +1,4 @@
-"""Facts about program files: what each statement means, and the one sentence with which a bad one is refused."""
+"""Tests of program files: what each statement means, and the one sentence with which a bad one is refused."""
 
 import itertools
 import json
@@ -79,7 +79,7 @@ def test_a_point_is_given_by_numbers_by_its_name_or_by_a_step(robot):
     assert start == (0.1, 0.2, -0.8)
 
 
-def test_limits_come_from_the_move_else_the_program_else_the_robot(robot):
+def test_limits_are_those_of_the_move_else_the_program_else_the_robot(robot):
     fast = {'speed_m_s': 2.0, 'jerk_m_s3': math.inf}
     program = parse({'limits': fast, 'moves': [to(0, 0, -0.8, speed_m_s=0.5), to(0, 0, -0.7)]}, robot)
     own, common = (statement.limits for statement in program.statements)
@@ -273,7 +273,7 @@ def only(**kind):
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else '',
 )
-def test_the_reader_says_what_is_wrong_and_where(document, reason, robot):
+def test_reader_reports_error_and_place(document, reason, robot):
     assert reason in refusal(parse, document, robot)
 
 
@@ -295,7 +295,7 @@ def test_the_reader_says_what_is_wrong_and_where(document, reason, robot):
         lambda n: n,
     ],
 )
-def test_numbers_beyond_all_machine_numbers_are_refused(document, number, robot):
+def test_numbers_beyond_all_machine_numbers_are_rejected(document, number, robot):
     refusal(parse, document(number), robot)
 
 
@@ -310,11 +310,11 @@ def test_numbers_beyond_all_machine_numbers_are_refused(document, number, robot)
         ('moves[0]', lambda text: changed(moves=[{text: 1}])),
     ],
 )
-def test_a_long_text_with_line_breaks_does_not_come_back_in_the_sentence(where, document, robot):
+def test_multi_line_text_is_not_repeated_in_the_message(where, document, robot):
     assert where in refusal(parse, document('go\n' * 1000), robot)
 
 
-def test_many_points_with_long_names_are_not_all_told(robot):
+def test_list_of_many_points_with_long_names_is_shortened(robot):
     points = {f'{n:->100}': [0.0, 0.0, -0.8] for n in range(1000)}
     refusal(parse, changed(points=points, moves=[{'move_l': {'to_m': 'x'}}]), robot)
 
@@ -358,7 +358,7 @@ BOMB = 'a: &a [x, x]\n' + '\n'.join(
     ],
     ids=['alias', 'bomb', 'open', 'twice', 'deep', 'large', 'object', 'nan', 'infinite', 'empty'],
 )
-def test_a_file_that_is_no_program_is_refused_with_one_sentence(text, reason, robot, tmp_path):
+def test_file_without_a_program_is_rejected_in_one_sentence(text, reason, robot, tmp_path):
     assert reason in refusal(programs.load, written(tmp_path, text), robot.motion)
 
 
@@ -400,20 +400,20 @@ MISTAKES = [
 ]
 
 
-def test_all_mistakes_of_a_file_are_told_at_once_each_with_its_place_and_what_was_meant(robot, tmp_path):
+def test_all_errors_of_a_file_are_reported_with_place_and_suggestion(robot, tmp_path):
     path = written(tmp_path, BAD)
     told = refusal(programs.load, path, robot.motion).removesuffix('; the search ended after 10 errors')
     assert told.split('; ') == [f'{path}:{mistake}' for mistake in MISTAKES]
 
 
-def test_ten_mistakes_are_enough(robot, tmp_path):
+def test_ten_errors_are_enough(robot, tmp_path):
     path = written(tmp_path, 'moves:\n' + '- {dwell: {time_s: -1}}\n' * 1000)
     sentence = refusal(programs.load, path, robot.motion)
     assert sentence.count('moves[') == 10
     assert sentence.endswith('; the search ended after 10 errors')
 
 
-def test_a_mistake_in_a_fault_of_a_program_has_its_place_too(robot, tmp_path):
+def test_error_in_a_fault_of_a_program_has_its_place(robot, tmp_path):
     text = 'moves: [{dwell: {time_s: 1}}]\nfaults:\n- {fault: drop_mtd, axis: axis1}\n- {fault: kill, node: axis6}'
     one, two = refusal(programs.load, written(tmp_path, text), robot.motion).split('; ')
     assert "yaml:3:11: faults[0].fault is 'drop_mtd'" in one
@@ -421,7 +421,7 @@ def test_a_mistake_in_a_fault_of_a_program_has_its_place_too(robot, tmp_path):
     assert "yaml:4:23: faults[1].node is 'axis6'" in two
 
 
-def test_text_that_comes_as_a_message_tells_line_and_column(robot):
+def test_text_from_a_message_has_line_and_column(robot):
     text = '{"moves": [{"move_l": {"to_m": [0, "x", -0.8]}}]}'
     sentence = refusal(parse, yaml_file.parse(text, 'the program', ProgramError), robot)
     assert sentence == "line 1, column 36: moves[0].move_l.to_m[1] must be a number, not 'x'"

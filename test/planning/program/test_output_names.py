@@ -1,4 +1,4 @@
-"""Facts about outputs by the names of a cell, in programs."""
+"""Tests of outputs by the names of a cell, in programs."""
 
 import pytest
 
@@ -43,12 +43,12 @@ def test_in_time_means_earlier_by_the_delay_of_this_change(robot, value, early_s
         ),
     ],
 )
-def test_what_is_wrong_with_a_named_output_is_told_with_its_place(robot, output, told):
+def test_error_of_a_named_output_is_reported_with_its_place(robot, output, told):
     with pytest.raises(ProgramError, match=told):
         outputs_of(f'moves:\n- output: {output}', robot)
 
 
-def test_bits_are_told_by_all_names():
+def test_bits_are_reported_by_all_names():
     assert named_bits(0b100, NAMES) == {'gripper': False, 'clamp': True}
 
 

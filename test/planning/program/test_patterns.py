@@ -1,4 +1,4 @@
-"""Facts about patterns of places."""
+"""Tests of patterns of places."""
 
 import math
 
@@ -20,7 +20,7 @@ def test_the_places_of_a_row_go_along_x_and_the_rows_along_y():
     assert len(grid) == 6
 
 
-def test_a_snake_comes_back_along_every_other_row():
+def test_snake_returns_along_every_other_row():
     snake = Grid(3, 3, PITCH, Order.SNAKE)
     x = [0, 0.04, 0.08, 0.08, 0.04, 0, 0, 0.04, 0.08]
     np.testing.assert_array_equal(snake.places_m()[:, 0], x)
@@ -42,7 +42,7 @@ def test_one_layer_is_filled_after_the_other_and_every_other_one_is_shifted():
 @pytest.mark.parametrize(
     'pattern', [Grid(3, 4, PITCH, Order.SNAKE, BOX), Layers(Grid(2, 3, PITCH, frame=BOX), 2, 0.03)]
 )
-def test_places_are_told_in_base_by_number_in_a_loop_and_all_at_once(pattern):
+def test_places_are_in_base_by_number_in_a_loop_and_all_together(pattern):
     places = pattern.places_m()
     assert places.shape == (len(pattern), 3)
     assert (
@@ -88,7 +88,7 @@ def test_a_pitch_may_go_backwards():
         (lambda: Layers(BOX, 2, 0.03), 'layers are made of a grid, not of Frame'),
     ],
 )
-def test_what_is_no_pattern_is_refused(make, sentence):
+def test_invalid_pattern_is_rejected(make, sentence):
     with pytest.raises(ProgramError) as caught:
         make()
     assert sentence in str(caught.value)

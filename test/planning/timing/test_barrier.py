@@ -1,4 +1,4 @@
-"""Facts about the barrier of time-optimal motions: its value, its slope and its bend, whatever fills the last block."""
+"""Tests of the barrier of time-optimal motions: its value, its slope and its bend, whatever fills the last block."""
 
 import numpy as np
 import pytest
@@ -94,7 +94,7 @@ def test_its_hessian_is_the_slope_of_its_gradient_where_nothing_is_concave(count
 
 @pytest.mark.parametrize('kind', range(len(Demand._fields)))
 @pytest.mark.parametrize('point', [0, LANES, -1])
-def test_whoever_breaks_one_limit_at_one_point_breaks_it(kind, point):
+def test_violation_of_one_limit_at_one_point_is_detected(kind, point):
     count = 2 * LANES + 3
     c, parts = spline_of(count), parts_of(count)
     assert np.isfinite(evaluated(c, parts)[0])
@@ -106,7 +106,7 @@ def test_whoever_breaks_one_limit_at_one_point_breaks_it(kind, point):
 
 
 @pytest.mark.parametrize('wrong', [0.0, -1.0, np.nan])
-def test_a_square_that_is_no_positive_number_is_beyond_all_limits(wrong):
+def test_non_positive_square_exceeds_all_limits(wrong):
     c, parts = spline_of(LANES), parts_of(LANES)
     c[5:8] = wrong
     assert evaluated(c, parts)[0] == np.inf

@@ -1,4 +1,4 @@
-"""Facts about blends: how moves follow each other without a stop."""
+"""Tests of blends: how moves follow each other without a stop."""
 
 import itertools
 
@@ -98,7 +98,7 @@ def test_a_blend_may_use_up_the_whole_of_two_moves(robot):
         ),
     ],
 )
-def test_a_blend_that_cannot_be_is_refused(moves, reason, robot):
+def test_a_blend_that_cannot_be_is_rejected(moves, reason, robot):
     assert refusal(plan, robot, moves).endswith(
         reason.removeprefix('moves[1].dwell: ').removeprefix('moves[1].cubic: ')
     )
@@ -124,7 +124,7 @@ def jump_m(move):
 
 @pytest.mark.parametrize('steps', [-3, -2, -1, 0, 1, 2, 3])
 @pytest.mark.parametrize('by', [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_a_move_of_one_micrometre_is_driven_or_refused_on_either_side_of_the_threshold(by, steps, robot):
+def test_a_move_of_one_micrometre_is_driven_or_rejected_on_either_side_of_the_threshold(by, steps, robot):
     length = 1e-6 * (1.0 + steps * np.finfo(float).eps)
     tiny = {'move_l': {'to_m': {'by_m': [part * length for part in by]}}}
     try:

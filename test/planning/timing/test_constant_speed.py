@@ -98,7 +98,7 @@ def test_named_speed_and_blends_are_possible_and_a_larger_speed_is_not(robot, se
         assert any(kind == 'move_c' for kind, _ in moves) or len(moves) > 2
 
 
-def test_the_refusal_names_place_speed_and_blend(robot):
+def test_the_rejection_names_place_speed_and_blend(robot):
     text = refusal(robot, CORNER_START, CORNER)
     assert text.startswith(
         'moves[0].move_l to moves[1].move_l: the speed falls to 0.4436 m/s at 0.08 m from its start, in '
@@ -120,7 +120,7 @@ def test_a_line_is_even_if_it_is_as_long_as_run_up_and_run_out(robot):
             assert text.endswith('no blend allows 0.5 m/s')
 
 
-def test_a_corner_in_the_run_up_is_refused(robot):
+def test_a_corner_in_the_run_up_is_rejected(robot):
     moves = [
         ('move_l', {'to_m': [0.01, 0.0, -0.8], 'blend_m': 0.002}),
         ('move_l', {'to_m': [0.01, 0.1, -0.8]}),
@@ -156,7 +156,7 @@ def test_the_option_of_a_move_overrides_that_of_the_head(robot):
         ('arch', {'up_m': 0.001, 'down_m': 0.01}, 'moves[1].arch: constant_speed is not for arches'),
     ],
 )
-def test_a_path_that_cannot_mean_it_is_refused(robot, kind, more, why):
+def test_a_path_that_cannot_mean_it_is_rejected(robot, kind, more, why):
     moves = [CORNER[0], (kind, CORNER[1][1] | more)]
     assert why in refusal(robot, CORNER_START, moves)
 
@@ -199,7 +199,7 @@ def test_more_than_ten_blends_are_counted(robot):
     assert ' more moves allow 0.2 m/s' in text
 
 
-def test_infinite_jerk_is_no_pause(robot):
+def test_infinite_jerk_makes_no_pause(robot):
     limits = LIMITS | {'jerk_m_s3': float('inf')}
     line = [('move_l', {'to_m': [0.1, 0.0, -0.8]})]
     require_even(planned(robot, [0.0, 0.0, -0.8], line, limits=limits), 0.5)

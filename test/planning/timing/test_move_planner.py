@@ -1,4 +1,4 @@
-"""Facts about a planned move: what it keeps of the limits of TCP and motors, and when it is slowed down."""
+"""Tests of a planned move: what it keeps of the limits of TCP and motors, and when it is slowed down."""
 
 import math
 import re
@@ -237,7 +237,7 @@ def test_the_notice_names_quantity_motor_value_place_and_limit(robot):
     assert np.abs(np.array([float(x), float(y), float(z)]) - line.at(float(s))[0]).max() < 2e-4
 
 
-def test_the_speed_that_is_refused_is_the_motors_greatest_on_the_way(robot):
+def test_rejected_speed_is_the_largest_of_the_motor_on_the_path(robot):
     slow = robot.replace(motor__max_speed_rpm=300.0)
     sentence = refusal(plan, slow, [to(0.0, 0.0, -0.9, strict=True)])
     # straight down all arms turn alike: compare with the central difference of their angles over the path
@@ -266,7 +266,7 @@ def test_the_speed_that_is_refused_is_the_motors_greatest_on_the_way(robot):
         ([through([(0.02, 0.02, -0.76), (0.04, 0.0, -0.75), (0.0, 0.04, -0.75)], strict=True)], 'TCP '),
     ],
 )
-def test_a_strict_move_is_refused_and_any_other_slowed_down(moves, what, robot):
+def test_a_strict_move_is_rejected_and_any_other_slowed_down(moves, what, robot):
     sentence = refusal(plan, robot, [*moves, dwell(100.0)])
     assert what in sentence
     assert sentence.startswith('moves[0].move_')
@@ -276,7 +276,7 @@ def test_a_strict_move_is_refused_and_any_other_slowed_down(moves, what, robot):
     assert what in planned.notices[0]
 
 
-def test_a_motor_that_cannot_hold_the_arm_is_refused_even_at_standstill(robot):
+def test_a_motor_that_cannot_hold_the_arm_is_rejected_even_at_standstill(robot):
     weak = robot.replace(motor__peak_current_a=0.2, motor__nominal_current_a=0.1)
     for moves in (
         [to(0.0, 0.0, -0.8)],
@@ -340,7 +340,7 @@ def test_a_rest_long_enough_keeps_the_motors_cool(robot):
     assert planned.rms_current_a == pytest.approx(rms(robot, planned).tolist(), rel=5e-3)
 
 
-def test_a_strict_program_that_would_overheat_a_motor_is_refused(robot):
+def test_a_strict_program_that_would_overheat_a_motor_is_rejected(robot):
     moves = [to(0.3, 0, -0.8, **{**BUSY, 'acceleration_m_s2': 100.0}), to(-0.3, 0, -0.8, strict=True)]
     cold = robot.replace(motor__nominal_current_a=1.0)
     sentence = refusal(plan, cold, moves, name='press')
@@ -350,7 +350,7 @@ def test_a_strict_program_that_would_overheat_a_motor_is_refused(robot):
     )
 
 
-def test_a_weight_that_alone_overheats_a_motor_is_refused(robot):
+def test_a_weight_that_alone_overheats_a_motor_is_rejected(robot):
     weak = robot.replace(motor__nominal_current_a=0.1)
     for moves in ([dwell(1.0)], [to(0.0, 0.0, -0.8, speed_m_s=0.01)]):
         sentence = refusal(plan, weak, moves, name='x')

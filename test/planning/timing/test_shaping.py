@@ -1,4 +1,4 @@
-"""Facts about input shaping: what a shaped master is, and that it leaves a vibration behind or not."""
+"""Tests of input shaping: what a shaped master is, and that it leaves a vibration behind or not."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_a_shaper_leaves_nothing_of_its_vibration(kind):
     assert left(kind, FREQUENCY_HZ) < EXACT
 
 
-def test_a_wrong_frequency_leaves_least_behind_zvd():
+def test_wrong_frequency_leaves_the_smallest_residual_with_zvd():
     for wrong in (0.9, 1.1):
         assert left('zvd', wrong * FREQUENCY_HZ) < 0.02
         assert left('zvd', wrong * FREQUENCY_HZ) < 0.25 * left('zv', wrong * FREQUENCY_HZ)
@@ -185,7 +185,7 @@ def test_each_move_is_shaped_for_the_vibration_at_its_own_end(robot):
     assert durations[1] > 1.2 * durations[0]  # far out the arms swing more slowly
 
 
-def test_a_frequency_that_nothing_could_wait_for_is_refused(robot):
+def test_a_frequency_that_nothing_could_wait_for_is_rejected(robot):
     assert set(parameters.SHAPINGS) == {'none', *SHAPINGS, 'modes'}
     with pytest.raises(
         ParameterError, match=r'shaping_frequency_hz is 0\.5, but must be 0 \(computed\) or at least 1'
@@ -195,7 +195,7 @@ def test_a_frequency_that_nothing_could_wait_for_is_refused(robot):
         shaped(robot, 'zvdd')
 
 
-def test_who_asked_for_no_slowness_is_refused_where_shaping_needs_it(robot):
+def test_unlimited_jerk_is_rejected_where_shaping_needs_it(robot):
     moves = [to(0.2, 0.0, -0.8, blend_m=0.03), to(0.2, 0.2, -0.8, blend_m=0.03), to(0.0, 0.2, -0.8)]
     slow = shaped(robot, 'smooth', shaping_frequency_hz=2.0)
     assert plan(slow, moves).plan.duration_s > plan(robot, moves).plan.duration_s

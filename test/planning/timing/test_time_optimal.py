@@ -1,4 +1,4 @@
-"""Facts about time-optimal moves: how fast they are, and that they keep every limit of motors and TCP."""
+"""Tests of time-optimal moves: how fast they are, and that they keep every limit of motors and TCP."""
 
 import math
 
@@ -91,7 +91,7 @@ def test_every_limit_is_kept(limits, payload, robot):
         assert 0.9 * limits['torque_rate_n_m_s'] <= rates.max() <= TORQUE_RATE * limits['torque_rate_n_m_s']
 
 
-def test_a_payload_that_changes_on_the_way_is_carried_from_there_on(robot):
+def test_payload_change_during_motion_is_carried_from_there_on(robot):
     limits = {'torque_rate_n_m_s': 1000.0}
     gripping, dropping = cycle(), cycle()
     gripping.insert(1, output(payload_kg=8.0))
@@ -143,7 +143,7 @@ def test_it_can_be_held_anywhere_on_its_path(robot):
         assert stopped.distance_m <= one.move(0).length_m
 
 
-def test_a_heavier_arm_than_the_motors_hold_is_refused(robot):
+def test_a_heavier_arm_than_the_motors_hold_is_rejected(robot):
     weak = robot.replace(motor__peak_current_a=0.2, motor__nominal_current_a=0.2)
     sentence = refusal(plan, weak, cycle(), HERE, payload_kg=10.0, **OPTIMAL)
     assert 'even at standstill' in sentence

@@ -1,4 +1,4 @@
-"""Facts about the vibrations of the built robot where it stands."""
+"""Tests of the vibrations of the built robot where it stands."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_shafts_that_nothing_can_turn_leave_the_arms_on_their_springs(robot):
     assert sorted(mode.frequency_hz for mode in modes) == pytest.approx(sorted(wanted), rel=1e-3)
 
 
-def test_its_arms_move_the_tcp_as_the_jacobian_says(robot):
+def test_arms_move_the_tcp_as_predicted_by_the_jacobian(robot):
     theta = kinematics.inverse(PLACE, robot.kinematics)
     for mode in vibration_modes(PLACE, 0.5, robot):
         ahead, behind = (
@@ -86,7 +86,7 @@ def test_a_move_excites_the_vibration_in_its_own_direction(robot):
     assert excited_mode(PLACE, np.array([[-3.0, 0.0, 0.0]]), 0.5, robot) == pytest.approx(along)
 
 
-def test_what_swings_most_on_the_way_counts(robot):
+def test_largest_oscillation_on_the_path_counts(robot):
     way = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     assert excited_mode(PLACE, way, 0.5, robot) == pytest.approx(excited_mode(PLACE, way[1:2], 0.5, robot))
 

@@ -1,4 +1,4 @@
-"""Facts about states that a bag tells when they change: they hold from that bus cycle on."""
+"""Tests of states that a bag tells when they change: they hold from that bus cycle on."""
 
 import json
 
@@ -52,7 +52,7 @@ def test_counters_are_those_of_the_newest_report_and_a_fault_counts_from_its_cyc
     assert 'payload' not in found
 
 
-def test_what_a_foreign_writer_says_counts_for_nothing(tmp_path):
+def test_messages_of_another_writer_are_ignored(tmp_path):
     found = states(
         tmp_path / 'bag',
         outputs(2, 1.0, 2.0),

@@ -1,4 +1,4 @@
-"""Facts about bags: they are read by the stamps of their messages; what cannot be read gets one sentence."""
+"""Tests of bags: they are read by the stamps of their messages; what cannot be read gets one sentence."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_a_recording_that_began_late_keeps_its_bus_time(first, tmp_path):
 
 
 @pytest.mark.parametrize('topics', [TYPES, ['sercos/at/axis1'], ['tcp/command', 'plant/motor_shafts']])
-def test_greetings_before_cyclic_operation_are_no_cycles_and_not_refused(topics, tmp_path):
+def test_greetings_before_cyclic_operation_are_neither_cycles_nor_errors(topics, tmp_path):
     arrivals = messages()
     for place in (len(arrivals), 20, 0):
         arrivals[place:place] = greetings(topics)
@@ -127,7 +127,7 @@ def test_what_the_recorder_counted_as_lost_stays_in_the_metadata(tmp_path):
     assert bag_trace.metadata(tmp_path / 'bag')['lost'] == {'tcp/actual': 1}
 
 
-def test_missing_messages_of_no_bag_are_refused(tmp_path):
+def test_missing_messages_of_no_bag_are_rejected(tmp_path):
     with pytest.raises(TraceError, match='cannot read recording'):
         bag_trace.metadata(tmp_path)
 
@@ -184,7 +184,7 @@ WRONG = {
 
 @pytest.mark.parametrize('place', [0, len(messages())])
 @pytest.mark.parametrize('wrong', WRONG)
-def test_a_message_that_the_nodes_refuse_is_left_out_and_counted(wrong, place, tmp_path):
+def test_a_message_that_the_nodes_reject_is_left_out_and_counted(wrong, place, tmp_path):
     arrivals = [entry for entry in messages() if entry != messages([5], ['sercos/mdt'])[0]]
     arrivals.insert(place, ('sercos/mdt', WRONG[wrong]))
     trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals))
@@ -212,7 +212,7 @@ def test_messages_of_the_other_byte_order_are_read(tmp_path):
     assert_holds(bag_trace.read_bag(record(tmp_path / 'bag', arrivals)))
 
 
-def test_zeros_tell_no_byte_order(tmp_path):
+def test_zeros_do_not_reveal_the_byte_order(tmp_path):
     types = {'tcp/command': POINT}
     stamps = [(0, 0), *(CLOCK.stamp(k) for k in (1, 2))]
     values = [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)]
@@ -245,7 +245,7 @@ def torque_messages(cycles):
     return found, torques
 
 
-def test_torques_that_are_commanded_beside_the_shafts_are_read(tmp_path):
+def test_torques_commanded_with_the_shafts_are_read(tmp_path):
     found, torques = torque_messages(range(CYCLES))
     trace = trace_file.load(record(tmp_path / 'bag', found))
     assert list(trace.signals) == [*SIGNALS, 'torque_command']
@@ -254,7 +254,7 @@ def test_torques_that_are_commanded_beside_the_shafts_are_read(tmp_path):
     assert 'refused' not in trace.meta
 
 
-def test_an_mdt_of_the_other_layout_is_no_message_of_this_robot(tmp_path):
+def test_mdt_of_another_layout_is_ignored(tmp_path):
     with_torques, _ = torque_messages([CYCLES - 1])
     trace = trace_file.load(record(tmp_path / 'bag', [*messages(), *with_torques]))
     assert 'torque_command' not in trace.signals
@@ -269,25 +269,25 @@ def test_one_robot_is_found_in_any_namespace(namespace, tmp_path):
     assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), namespace=namespace)))
 
 
-def test_other_topics_beside_the_robot_do_not_matter(tmp_path):
+def test_other_topics_of_the_graph_do_not_matter(tmp_path):
     others = dict.fromkeys(('camera/command', 'axis1/motor_current', 'the_following_error'), JOINT_STATE)
     arrivals = [*((topic, b'noise') for topic in others), *messages()]
     assert_holds(trace_file.load(record(tmp_path / 'bag', arrivals, types=TYPES | others)))
 
 
-def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
+def test_two_robots_in_one_bag_are_rejected_with_their_namespaces(tmp_path):
     types = TYPES | {f'cell2/{topic}': kind for topic, kind in TYPES.items()}
     arrivals = messages() + [(f'cell2/{topic}', data) for topic, data in messages()]
     sentence = refusal(record(tmp_path / 'bag', arrivals, types=types))
     assert 'it contains 2 robots, in the namespaces /, /cell2' in sentence
 
 
-def test_a_robot_that_was_never_heard_is_none(tmp_path):
+def test_robot_never_received_does_not_exist(tmp_path):
     types = TYPES | {f'cell2/{topic}': kind for topic, kind in TYPES.items()}
     assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), types=types)))
 
 
-def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
+def test_bag_of_another_robot_is_rejected_with_what_was_expected(tmp_path):
     data = messages([0], ['tcp/command'])[0][1]
     bag = record(tmp_path / 'bag', [('camera/command', data)], types={'camera/command': POINT})
     assert 'no cyclic topic of a robot (sercos/mdt' in refusal(bag)
@@ -296,7 +296,7 @@ def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
 # metadata
 
 
-def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know(tmp_path):
+def test_recorder_metadata_is_restored_without_unknown_cycles(tmp_path):
     known = META | {'start_cycle': 2, 'end_cycle': 6, 'lost': {}}
     assert trace_file.load(record(tmp_path / 'known', messages(), known)).meta == known | DRIVE_STATUS
     unknown = META | {'start_cycle': -1, 'end_cycle': None}
@@ -325,7 +325,7 @@ def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know
         (META | {'end_cycle': True}, 'end_cycle True, not a whole number'),
     ],
 )
-def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
+def test_missing_and_wrong_metadata_are_reported(meta, expected, tmp_path):
     assert expected in refusal(record(tmp_path / 'bag', messages(), meta))
 
 
@@ -352,7 +352,7 @@ WITH_PROFILES = TYPES | {'motion/course': 'std_msgs/msg/Float64MultiArray'}
         ([profile(3), profile(6, phases=2)], [3], 3),  # more moves follow a dwell
     ],
 )
-def test_a_program_starts_where_its_motion_profile_says(profiles, starts, start, tmp_path):
+def test_program_starts_with_its_motion_profile(profiles, starts, start, tmp_path):
     meta = META | {'start_cycle': 120}  # as the parameters have it, of another time
     arrivals = profiles + messages(range(2, CYCLES))
     trace = trace_file.load(
@@ -394,7 +394,7 @@ def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, f
         ('n' * 300, 'File name too long'),
     ],
 )
-def test_what_is_no_recording_is_told_what_was_expected(name, expected, tmp_path):
+def test_invalid_recording_is_rejected_with_the_expected_form(name, expected, tmp_path):
     record(tmp_path / 'bag', messages())
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'notes.txt').write_text('notes')

@@ -1,4 +1,4 @@
-"""Facts about writing a bag: it can be read at every moment, and a full disk ends the writing, not the writer."""
+"""Tests of writing a bag: it can be read at every moment, and a full disk ends the writing, not the writer."""
 
 import ctypes
 import errno
@@ -66,7 +66,7 @@ def test_a_bag_is_complete_when_it_is_closed(tmp_path):
     assert held(tmp_path / 'bag') == ({'/a': 4501, '/b': 4500}, {'delta3_pacdrive': '{"lost": {}}'})
 
 
-def test_a_bag_says_how_its_topics_were_offered(tmp_path):
+def test_bag_records_the_offered_qos_of_its_topics(tmp_path):
     writer, _ = opened(tmp_path / 'bag')
     writer.add_topic('/c', TEXT, 77, False)
     writer.close({})
@@ -201,7 +201,7 @@ def test_a_disk_that_is_full_at_the_end_costs_the_last_chunks_at_most(disk, tmp_
     assert sum(held(tmp_path / 'bag')[0].values()) == 1800
 
 
-def test_a_bag_that_cannot_begin_is_refused_with_the_reason(disk, tmp_path):
+def test_a_bag_that_cannot_begin_is_rejected_with_the_reason(disk, tmp_path):
     writer = BagWriter(tmp_path / 'bag', {})
     writer.add_topic('/a', TEXT, 10, False)
     path = tmp_path / 'bag' / 'bag.mcap'

@@ -1,4 +1,4 @@
-"""Facts about what a recorder counts as missing."""
+"""Tests of what a recorder counts as missing."""
 
 import struct
 

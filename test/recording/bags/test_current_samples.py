@@ -1,4 +1,4 @@
-"""Facts about the samples of the current loops in a bag: figures of every cycle of which all samples are there."""
+"""Tests of the samples of the current loops in a bag: figures of every cycle of which all samples are there."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def expected(name, cycles):
 
 
 @pytest.mark.parametrize('exchanges', [1, 4, 8])
-def test_a_bag_tells_the_figures_of_all_samples_of_each_cycle(exchanges, tmp_path):
+def test_bag_yields_current_figures_of_all_samples_of_each_cycle(exchanges, tmp_path):
     bag = record(tmp_path / 'bag', messages() + sample_messages(exchanges), types=TYPES | TOPICS)
     trace = trace_file.load(bag)
     assert list(trace.signals) == [*SIGNALS, *CURRENT_SIGNALS]
@@ -61,13 +61,13 @@ def test_a_cycle_of_which_samples_are_missing_is_left_out_as_with_any_topic(tmp_
 
 
 @pytest.mark.parametrize('axes', [AXES[:2], AXES[2:]])
-def test_a_bag_without_the_currents_of_all_drives_tells_those_of_the_at_only(axes, tmp_path):
+def test_bag_without_all_currents_yields_those_of_the_at(axes, tmp_path):
     types = TYPES | {topic: kind for topic, kind in TOPICS.items() if topic[:5] in axes}
     trace = trace_file.load(record(tmp_path / 'bag', messages() + sample_messages(axes=axes), types=types))
     assert list(trace.signals) == list(SIGNALS)
 
 
-def test_what_is_no_current_is_counted_as_refused(tmp_path):
+def test_invalid_current_is_counted_as_rejected(tmp_path):
     types = STORE.types
     header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), 'free 000.5000 3fa9')
     wrong = types[JOINT_STATE](header, ['axis1'], np.empty(0), np.empty(0), np.empty(0))
@@ -78,7 +78,7 @@ def test_what_is_no_current_is_counted_as_refused(tmp_path):
     np.testing.assert_allclose(trace['current_rms'], expected('current_rms', range(CYCLES)), rtol=1e-14)
 
 
-def test_a_first_message_of_another_layout_does_not_say_what_all_others_are(tmp_path):
+def test_first_message_of_another_layout_does_not_define_the_topic(tmp_path):
     stranger = sample_messages(4)[:1]
     bag = record(tmp_path / 'bag', messages() + stranger + sample_messages(), types=TYPES | TOPICS)
     trace = trace_file.load(bag)
@@ -104,7 +104,7 @@ def test_currents_of_which_no_cycle_is_whole_give_nothing():
 
 @pytest.mark.parametrize('exchange_ns', [CYCLE_NS, CYCLE_NS // 8])
 @pytest.mark.parametrize('off_ns', [1, CYCLE_NS // 16, CYCLE_NS // 3])
-def test_a_message_of_somebody_else_between_two_of_the_drive_costs_no_cycle(exchange_ns, off_ns):
+def test_message_of_another_publisher_between_two_of_a_drive_costs_no_cycle(exchange_ns, off_ns):
     stamps = np.arange(0, 20 * CYCLE_NS, exchange_ns)
     values = np.arange(float(2 * len(stamps))).reshape(-1, 2)
     cycles, samples = samples_of_cycles((stamps, values), CYCLE_NS)

@@ -1,4 +1,4 @@
-"""Facts about tables of columns: each format holds the same numbers with their units, and is read again."""
+"""Tests of tables of columns: each format holds the same numbers with their units, and is read again."""
 
 import json
 
@@ -50,12 +50,12 @@ def test_npz_holds_an_array_for_each_column(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['a', 'a.txt', 'a.csv.gz'])
-def test_other_endings_are_refused(name, tmp_path):
+def test_other_endings_are_rejected(name, tmp_path):
     with pytest.raises(TraceError, match=r'but must end in \.parquet, \.csv or \.npz'):
         column_table.require_writable(tmp_path / name)
 
 
-def test_what_cannot_be_written_is_said_before_and_leaves_no_file(tmp_path):
+def test_unwritable_output_is_reported_in_advance_and_leaves_no_file(tmp_path):
     pytest.importorskip('pyarrow', reason='Parquet needs the extra "parquet"')
     with pytest.raises(TraceError, match=r'cannot write record .*: there is no folder'):
         column_table.require_writable(tmp_path / 'none' / 'a.csv', 'record')

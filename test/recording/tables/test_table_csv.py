@@ -1,4 +1,4 @@
-"""Facts about tables that others write as text: right numbers or one clear sentence, never a silent wrong number."""
+"""Tests of tables that others write as text: right numbers or one clear sentence, never a silent wrong number."""
 
 import itertools
 
@@ -54,7 +54,7 @@ def chosen(tmp_path, text=COLUMNS):
     ],
 )
 @for_each('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
-def test_the_same_numbers_come_out_of_every_form(separator, decimal, units, end, encoding, tmp_path):
+def test_every_form_gives_the_same_numbers(separator, decimal, units, end, encoding, tmp_path):
     for quoted, trailing in itertools.product((False, True), repeat=2):
         text = lines(separator, decimal, units, end, quoted, trailing)
         trace = load(tmp_path / 'a.csv', text.encode(encoding))
@@ -75,7 +75,7 @@ def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
         load(tmp_path / 'a.csv', text, gaps=False)
 
 
-def test_a_table_without_gaps_tells_of_none(tmp_path):
+def test_table_without_gaps_reports_none(tmp_path):
     assert 'notices' not in load(tmp_path / 'a.csv', lines()).meta
 
 
@@ -104,7 +104,7 @@ def test_a_table_without_gaps_tells_of_none(tmp_path):
         ('# exported by a logger\n', 'is empty'),
     ],
 )  # fmt: skip
-def test_what_is_no_such_table_gets_one_sentence(content, sentence, tmp_path):
+def test_unknown_table_gets_one_sentence(content, sentence, tmp_path):
     with pytest.raises(TraceError, match=sentence) as caught:
         load(tmp_path / 'a.csv', content)
     assert '\n' not in str(caught.value)
@@ -302,7 +302,7 @@ def test_text_of_windows_is_mentioned_wherever_it_is(tmp_path):
 # column files ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_column_file_says_what_columns_are_and_what_their_numbers_become(tmp_path):
+def test_column_file_defines_columns_and_their_units(tmp_path):
     text = 'Zeit;Größe 1;Größe 2;x;Bemerkung\n0;10;1;3;\n5;20;2;4;\n'
     trace = load(tmp_path / 'a.csv', text.encode('cp1252'), chosen(tmp_path))
     assert trace.time_s.tolist() == [0.0, 0.005]

@@ -1,4 +1,4 @@
-"""Facts about a drive on the bus: it joins, answers greetings, notices the loss of its master, and leaves."""
+"""Tests of a drive on the bus: it joins, answers greetings, notices the loss of its master, and leaves."""
 
 from typing import Any
 
@@ -106,7 +106,7 @@ def test_a_drive_answers_the_call_and_joins_in_its_session(rig: Rig) -> None:
     assert rig.answers == list(range(10))
 
 
-def test_it_answers_greetings_when_it_knows_where_its_shaft_stands() -> None:
+def test_drive_answers_greetings_when_it_knows_its_shaft_position() -> None:
     rig = Rig()
     rig.phase(Phase.CP1)
     assert rig.on_bus.greeted(0) is None
@@ -116,7 +116,7 @@ def test_it_answers_greetings_when_it_knows_where_its_shaft_stands() -> None:
     assert rig.on_bus.greeted(0) is None
 
 
-def test_an_mdt_ahead_of_bus_time_is_refused_and_takes_nothing_with_it(rig: Rig) -> None:
+def test_an_mdt_ahead_of_bus_time_is_rejected_and_takes_nothing_with_it(rig: Rig) -> None:
     rig.run(5)
     far = 5 + ROBOT.bus.outstanding_cycles_max + AHEAD
     rig.on_bus.take_command(far + 1, OFF)
@@ -125,7 +125,7 @@ def test_an_mdt_ahead_of_bus_time_is_refused_and_takes_nothing_with_it(rig: Rig)
     assert len(rig.refused) == 1
 
 
-def test_without_an_mdt_it_stops_by_itself_and_leaves(rig: Rig) -> None:
+def test_drive_without_mdt_stops_and_leaves(rig: Rig) -> None:
     rig.run(200, ENABLE)
     rig.on_bus.clock.take_shaft(rig.on_bus.clock.exchange, (0.0, 0.0, 0.0))
     rig.wait(MASTER_SILENT_S + 2 * LOOK_S)
@@ -190,7 +190,7 @@ EVENTS = st.one_of(
 
 @settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=50))
-def test_whatever_happens_it_is_cyclic_as_long_as_bus_time_goes_on(events: list[tuple[Any, ...]]) -> None:
+def test_operation_is_cyclic_while_bus_time_advances(events: list[tuple[Any, ...]]) -> None:
     rig = Rig()
     on_bus = rig.on_bus
     for what, *values in events:
@@ -215,7 +215,7 @@ def test_whatever_happens_it_is_cyclic_as_long_as_bus_time_goes_on(events: list[
         assert rig.currents == sorted(set(rig.currents))
 
 
-def test_a_drive_whose_bus_waits_hears_the_mdt_again_and_repeats_its_current(rig: Rig) -> None:
+def test_waiting_bus_repeats_mdt_and_drive_repeats_its_current(rig: Rig) -> None:
     rig.run(5)
     rig.on_bus.clock.take_shaft(rig.on_bus.clock.exchange, (0.0, 0.0, 0.0))
     for _ in range(20):

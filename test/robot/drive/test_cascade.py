@@ -1,4 +1,4 @@
-"""Facts about the loops of the MC-4 drives (thesis 7.1, 8.1), alone or on the plant: steps, limits, feed-forward."""
+"""Tests of the loops of the MC-4 drives (thesis 7.1, 8.1), alone or on the plant: steps, limits, feed-forward."""
 
 import math
 
@@ -51,14 +51,14 @@ def test_the_worst_joint_step_without_friction_at_the_rim_overshoots_by_a_tenth(
     assert 0.05 < bench.moved[:, 1].max() / STEP_RAD - 1.0 < 0.12  # the linear study found 9 %
 
 
-def test_the_shafts_stand_without_jitter(robot):
+def test_shafts_at_rest_have_no_jitter(robot):
     bench = Bench(robot).run(1000)
     assert np.ptp(bench.moved[500:], axis=0).max() / GEAR < 2e-6  # two increments are 7.5e-7 rad at the arm
 
 
 @pytest.mark.parametrize('peak_a', [I_PEAK, 8.0])
 @pytest.mark.parametrize('direction', [1.0, -1.0])
-def test_at_the_current_limit_the_velocity_integrator_stands_and_nothing_overshoots(peak_a, direction, robot):
+def test_velocity_integrator_stops_at_the_current_limit_without_overshoot(peak_a, direction, robot):
     limited = robot.replace(
         motor__peak_current_a=peak_a,
         drive__following_error_limit_rad=100.0,
@@ -115,7 +115,7 @@ def test_a_drive_that_may_not_carry_its_load_lets_the_arm_sag_and_trips_8111(rob
     assert (bench.moved[-1] > 8.0 * robot.drive.following_error_limit_rad).all()
 
 
-def test_a_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_and_8111(robot):
+def test_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_and_8111(robot):
     limit, rate = 50.0, 0.1
     bench = Bench(robot.replace(drive__velocity_limit_rad_s=limit)).run(100)
     errors = []
@@ -153,7 +153,7 @@ def test_limits_work_from_the_next_cycle_on_and_never_beyond_those_of_the_motor(
     assert drive.state['speed_reference'][0] == robot.motor.max_speed_rad_s
 
 
-def test_at_the_voltage_limit_the_current_integrator_stands(robot):
+def test_current_integrator_stops_at_the_voltage_limit(robot):
     weak = robot.replace(drive__dc_link_voltage_v=20.0, drive__following_error_limit_rad=100.0)
     drive, limit = enabled_drive(weak), 20.0 / math.sqrt(6.0)
     integrals = []
@@ -179,7 +179,7 @@ def test_velocity_feed_forward_takes_the_lag_out_of_a_constant_speed(robot):
     assert np.abs(lags[0]).max() < 0.02 * 200.0 / 60.0 + 0.25 * rate
 
 
-def test_a_correction_of_the_observer_is_no_speed(robot):
+def test_correction_of_the_observer_does_not_count_as_speed(robot):
     """The plant puts the shaft 0.01 rad elsewhere than the observer had it: over 125 us that would be 80 rad/s."""
     drive = enabled_drive(robot)
     currents = stand(drive, 0.01, position=0.01)

@@ -1,4 +1,4 @@
-"""Facts about a drive in bus time: what it waits for, what it extrapolates, how it parts, whatever comes when."""
+"""Tests of a drive in bus time: what it waits for, what it extrapolates, how it parts, whatever comes when."""
 
 from typing import Any
 
@@ -72,7 +72,7 @@ def test_each_cycle_is_answered_once_and_each_exchange_has_its_currents(rig: Rig
     assert rig.clock.cycle == 20
 
 
-def test_bus_time_goes_on_only_when_command_and_shaft_are_there(rig: Rig) -> None:
+def test_bus_time_advances_with_command_and_shaft_only(rig: Rig) -> None:
     rig.clock.take_command(0, COMMAND)
     assert rig.answers == []
     assert not rig.clock.awaits_command
@@ -98,7 +98,7 @@ def test_a_command_is_lost_when_a_later_one_is_there_and_two_in_a_row_are_a_faul
     assert rig.drive.fault
 
 
-def test_a_command_that_comes_late_or_twice_counts_and_changes_nothing(rig: Rig) -> None:
+def test_late_and_repeated_commands_are_counted_and_change_nothing(rig: Rig) -> None:
     rig.run(0, 5)
     assert rig.clock.take_command(4, COMMAND) is Taken.LATE
     assert rig.clock.take_command(1, COMMAND) is Taken.LATE
@@ -144,7 +144,7 @@ def test_what_came_before_cyclic_operation_began_waits_and_older_things_are_forg
     assert rig.clock.cycle == 101
 
 
-def test_who_parts_waits_for_no_command_and_stops_within_a_bounded_time(rig: Rig) -> None:
+def test_leaving_axis_stops_within_a_bounded_time_without_commands(rig: Rig) -> None:
     rig.run(0, 200, ENABLE)
     assert rig.drive.powered
     rig.clock.part()
@@ -176,7 +176,7 @@ def test_a_drive_that_has_parted_and_joined_again_extrapolates_lost_commands_as_
     assert rig.stood == 1
 
 
-def test_who_has_left_stands_without_torque_and_takes_nothing_until_it_joins_again(rig: Rig) -> None:
+def test_drive_that_left_has_no_torque_and_accepts_nothing_until_it_joins_again(rig: Rig) -> None:
     rig.run(0, 200, ENABLE)
     rig.clock.leave()
     answers = list(rig.answers)
@@ -198,7 +198,7 @@ EVENTS = st.one_of(
 
 @settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=60))
-def test_whatever_comes_when_cycles_and_exchanges_follow_one_another(events: list[tuple[str, int]]) -> None:
+def test_any_sequence_of_cycles_and_exchanges_is_handled(events: list[tuple[str, int]]) -> None:
     rig = Rig()
     clock = rig.clock
     clock.begin(0)

@@ -1,4 +1,4 @@
-"""Facts about enabling: a drive begins anew each time; nothing is left in its loops of what it did before."""
+"""Tests of enabling: a drive begins anew each time; nothing is left in its loops of what it did before."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Facts about faults of the hardware of an axis: winding, end stage, DC link, brake and load."""
+"""Tests of faults of the hardware of an axis: winding, end stage, DC link, brake and load."""
 
 import math
 
@@ -164,7 +164,7 @@ def test_outside_the_limits_of_its_dc_link_a_drive_drops_its_power_and_its_brake
 
 
 @pytest.mark.parametrize('share', [0.76, 1.34])
-def test_a_dc_link_within_its_limits_is_no_fault(share, robot):
+def test_dc_link_within_its_limits_raises_no_fault(share, robot):
     bench = supply(Bench(robot), share * V_NOMINAL).run(200)
     assert bench.states[-1] == [DriveState.ENABLED] * 3
 
@@ -325,7 +325,7 @@ def test_a_lost_payload_is_missing_in_weight_and_acceleration(robot):
     assert carrying - without == pytest.approx((needed[0] - needed[1]) / GEAR / K_M, rel=0.05)
 
 
-def test_an_encoder_that_only_jitters_is_no_fault(robot):
+def test_encoder_jitter_is_not_a_fault(robot):
     bench = Bench(robot).run(100)
     for drive in bench.robot.drives:
         drive.state['encoder_noise'] = 20 * INCREMENT_RAD

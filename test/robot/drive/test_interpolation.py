@@ -1,4 +1,4 @@
-"""Facts about the fine interpolation of set points: linear as in the thesis, cubic with continuous speed."""
+"""Tests of the fine interpolation of set points: linear as in the thesis, cubic with continuous speed."""
 
 import math
 
@@ -119,7 +119,7 @@ def test_a_lost_mdt_breaks_neither_position_nor_speed_of_a_cubic_set_point(slow)
 
 
 @pytest.mark.parametrize('interpolation', ['linear', 'cubic'])
-def test_a_drive_that_stands_asks_for_no_speed(interpolation, robot):
+def test_drive_at_rest_requests_no_speed(interpolation, robot):
     still = robot.replace(drive__interpolation=interpolation)
     reference, speed, current = follow(still, lambda _: 0.25, 10)
     assert (speed[8:] == 0.0).all()

@@ -1,4 +1,4 @@
-"""Facts about the MC-4 drives (thesis 7.1, 8.1) by themselves and on the plant: timing and enabling."""
+"""Tests of the MC-4 drives (thesis 7.1, 8.1) by themselves and on the plant: timing and enabling."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_the_encoder_reads_the_nearest_increment(robot):
         assert (speed, torque) == (1.5, 0.0)
 
 
-def test_the_answer_tells_the_torque_of_the_current(robot):
+def test_at_has_the_torque_of_the_current(robot):
     drive = enabled_drive(robot)
     currents = stand(drive, 0.2, 10)
     drive.begin_cycle(0.2, CONTROL_ENABLE, 0.0, 0.0, 0.0)
@@ -114,7 +114,7 @@ def test_bits_for_operation_modes_and_synchronisation_change_nothing(robot):
     assert words == [0xC008] * 3  # bits 10 to 8: the primary operation mode
 
 
-def test_the_status_word_tells_warnings_errors_and_a_halt(robot):
+def test_status_word_reports_warnings_errors_and_halt(robot):
     limit = robot.drive.following_error_limit_rad
     drive = MC4(robot)
     for _ in range(100):

@@ -1,4 +1,4 @@
-"""Facts about the notch filters in the current reference: what they let pass, when, and how they change."""
+"""Tests of the notch filters in the current reference: what they let pass, when, and how they change."""
 
 import math
 
@@ -56,7 +56,7 @@ def test_the_frequency_response_is_that_of_scipy(which, robot):
 
 
 @pytest.mark.parametrize('depth', [0.001, 0.05, 1.0])
-def test_what_passes_at_the_centre_is_the_depth_and_what_stands_passes_whole(depth, robot):
+def test_notch_passes_its_depth_at_the_centre_and_everything_at_zero_frequency(depth, robot):
     deep = robot.replace(**ONE | {'drive__notch_1_depth': depth, 'drive__notch_1_frequency_hz': 200.0})
     time_s = PERIOD_S * np.arange(SAMPLES)
     behind = filtered(np.sin(math.tau * 200.0 * time_s), deep)
@@ -64,7 +64,7 @@ def test_what_passes_at_the_centre_is_the_depth_and_what_stands_passes_whole(dep
     assert filtered(np.full(SAMPLES, 3.0), deep)[-1] == pytest.approx(3.0, rel=1e-12)
 
 
-def test_a_ramp_comes_later_by_the_dead_time_that_the_feed_forward_makes_up_for(robot):
+def test_ramp_is_delayed_by_the_dead_time_of_the_feed_forward(robot):
     both = robot.replace(**ONE | TWO)
     slow = np.arange(SAMPLES) * PERIOD_S
     late_s = float((slow - filtered(slow, both))[-1])
@@ -72,7 +72,7 @@ def test_a_ramp_comes_later_by_the_dead_time_that_the_feed_forward_makes_up_for(
     assert late_s == pytest.approx(1.008e-3 + 0.064e-3, rel=0.03)  # 2 D (1 - depth) / w of each
 
 
-def test_a_filter_without_a_frequency_is_none_whatever_its_damping_and_depth(robot):
+def test_filter_without_frequency_is_off_at_any_damping_and_depth(robot):
     idle = robot.replace(
         drive__notch_1_damping=0.02,
         drive__notch_1_depth=0.9,
@@ -137,7 +137,7 @@ def test_a_drive_without_integral_gain_keeps_nothing_of_filters_that_change(robo
     assert float(drive.state['velocity_integral'][0]) == before
 
 
-def test_filters_that_stay_go_on_while_a_gain_is_changed(robot):
+def test_unchanged_filters_continue_during_a_change_of_gain(robot):
     exact = robot.replace(bus__exchange_period_s=125e-6, **ONE)
     one, other = enabled_drive(exact), enabled_drive(exact)
     for drive in (one, other):
@@ -147,7 +147,7 @@ def test_filters_that_stay_go_on_while_a_gain_is_changed(robot):
     assert _periods(one, 0.15, 16).tobytes() == _periods(other, 0.15, 16).tobytes()
 
 
-def test_the_limit_of_the_current_holds_behind_the_filters_and_the_integrator_stands_there(robot):
+def test_current_limit_holds_after_the_filters_and_stops_the_integrator(robot):
     limited = robot.replace(drive__torque_limit_n_m=0.78, bus__exchange_period_s=125e-6, **ONE)
     drive = enabled_drive(limited)
     for n in range(20):
@@ -159,14 +159,14 @@ def test_the_limit_of_the_current_holds_behind_the_filters_and_the_integrator_st
 
 @pytest.mark.parametrize('frequency', [-1.0, 0.5, 9.99, 3200.1, 4000.0])
 @pytest.mark.parametrize('number', [1, 2])
-def test_a_frequency_that_the_loop_cannot_filter_is_refused_with_its_bounds(number, frequency, robot):
+def test_a_frequency_that_the_loop_cannot_filter_is_rejected_with_its_bounds(number, frequency, robot):
     with pytest.raises(ParameterError, match=f'drive.notch_{number}_frequency_hz'):
         robot.replace(**{f'drive__notch_{number}_frequency_hz': frequency})
     with pytest.raises(ParameterError, match=r'0 \(off\) or between 10 Hz and 3200 Hz, 0.4 of the rate'):
         robot.replace(drive__notch_1_frequency_hz=3201.0)
 
 
-def test_the_service_channel_sets_a_filter_and_refuses_a_frequency_between_off_and_ten_hertz(robot):
+def test_the_service_channel_sets_a_filter_and_rejects_a_frequency_between_off_and_ten_hertz(robot):
     drive = MC4(robot)
     register = Register(robot, lambda name: float(drive.state[name][0]), drive.configure, drive.clear_fault)
 

@@ -1,4 +1,4 @@
-"""Facts about a drive's operation data as the service channel reaches them: values, commands, diagnostics by IDN."""
+"""Tests of a drive's operation data as the service channel reaches them: values, commands, diagnostics by IDN."""
 
 import math
 
@@ -254,9 +254,7 @@ def test_periods_encoder_motor_and_actual_values_are_read_only(group):
         ),
     ],
 )
-def test_a_refused_access_changes_nothing_and_says_why_in_one_sentence_on_both_sides(
-    access, phase, sentence, drive
-):
+def test_rejected_access_changes_nothing_and_is_explained_on_both_sides(access, phase, sentence, drive):
     ring = Ring(lambda access: drive.register.serve(access, phase))
     answer, _ = ring.access(access)
     assert answer.error
@@ -265,7 +263,7 @@ def test_a_refused_access_changes_nothing_and_says_why_in_one_sentence_on_both_s
     assert not drive.changes
 
 
-def test_an_answer_that_never_came_is_told_with_the_name_of_the_data():
+def test_missing_reply_is_reported_with_the_name_of_the_data():
     answer = Answer(KV, ServiceError.NO_ANSWER)
     assert refusal(Access(KV, Operation.READ), answer) == (
         '8503: S-0-0104: Position loop KV-factor: the drive does not answer in the service channel (error 0x8002)'
@@ -273,7 +271,7 @@ def test_an_answer_that_never_came_is_told_with_the_name_of_the_data():
     assert refusal(Access(KV, Operation.READ), Answer(KV, value=60.0)) == ''
 
 
-def test_a_rule_that_joins_parameters_is_told_in_its_own_sentence(drive, monkeypatch):
+def test_rule_between_parameters_is_reported_in_its_own_sentence(drive, monkeypatch):
     def broken(self, **values):
         raise ParameterError('drive.a must not exceed drive.b')
 
@@ -360,7 +358,7 @@ def test_the_mode_is_position_control_lagless_with_a_velocity_feed_forward(drive
     assert drive.register.read(parse_idn('S-0-0015')).value == 7
 
 
-def test_class_3_tells_standstill_and_what_is_at_its_limit(drive, robot):
+def test_class_3_reports_standstill_and_active_limits(drive, robot):
     def word(**state):
         for name, value in state.items():
             drive.state[name] = value
@@ -424,7 +422,7 @@ def test_procedure_commands_are_executed_in_their_phases_only(text, executable, 
 
 
 @pytest.mark.parametrize('fault', DriveFault)
-def test_diagnostics_tell_the_fault_by_bit_and_number(fault, drive):
+def test_diagnostics_give_the_fault_by_bit_and_number(fault, drive):
     drive.state['fault'] = int(fault)
     word, number = {
         'FOLLOWING_ERROR': (0x0800, 8111),
@@ -447,7 +445,7 @@ def test_diagnostics_tell_the_fault_by_bit_and_number(fault, drive):
 
 
 @pytest.mark.parametrize('phase', [Phase.CP2, Phase.CP3, Phase.CP4])
-def test_the_interface_status_tells_the_phase_and_lost_telegrams(phase, drive):
+def test_interface_status_gives_the_phase_and_lost_telegrams(phase, drive):
     access = Access(parse_idn('S-0-0014'), Operation.READ)
     for fault in DriveFault:
         drive.state['fault'] = int(fault)
@@ -457,7 +455,7 @@ def test_the_interface_status_tells_the_phase_and_lost_telegrams(phase, drive):
         assert bool(word & 1 << 4) == (fault == DriveFault.TELEGRAM)
 
 
-def test_warnings_are_class_2_diagnostics_and_come_after_faults(drive):
+def test_warnings_are_class_2_diagnostics_and_follow_faults(drive):
     class_2, number = parse_idn('S-0-0012'), parse_idn('S-0-0390')
     for warning, word, message in [
         (DriveWarning.OVERLOAD, 1, 8908),

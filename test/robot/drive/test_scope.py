@@ -1,4 +1,4 @@
-"""Facts about the oscilloscope of a drive: what it shows is what the drive does, and the drive does not notice it."""
+"""Tests of the oscilloscope of a drive: what it shows is what the drive does, and the drive does not notice it."""
 
 import math
 
@@ -99,7 +99,7 @@ def test_the_last_sample_of_a_bus_cycle_is_that_of_the_next_at(robot):
     assert rows[:-1, 1] == pytest.approx(torques[1:], rel=1e-15)
 
 
-def test_channels_of_every_kind_are_what_the_drive_says_of_itself(robot):
+def test_channels_of_every_kind_match_the_state_of_the_drive(robot):
     drive = enabled_drive(robot)
     names = [
         'phase_current_1',
@@ -164,7 +164,7 @@ def test_a_parameter_that_is_written_is_shown_from_then_on(robot):
     assert rows_of(blocks)[:, 0].tolist() == [60.0, 60.0, 70.0, 70.0]
 
 
-def test_periods_that_nobody_ran_are_a_gap_in_the_numbers(robot):
+def test_missing_periods_are_a_gap_in_the_numbers(robot):
     drive = MC4(robot)
     scope, blocks = scope_of(drive, robot, [channel_named('voltage')])
     for exchange in (0, 1, 5):
@@ -173,7 +173,7 @@ def test_periods_that_nobody_ran_are_a_gap_in_the_numbers(robot):
     assert [(block.first, len(block.values)) for block in blocks] == [(1, 32), (81, 16)]
 
 
-def test_blocks_come_every_eight_bus_cycles(exchanging):
+def test_blocks_have_eight_bus_cycles(exchanging):
     robot, exchanges = exchanging
     drive = enabled_drive(robot)
     scope, blocks = scope_of(drive, robot, [channel_named('speed')])
@@ -205,7 +205,7 @@ def test_a_rate_is_every_nth_period(rate_hz, decimation, robot):
         (['axis1.S-0-0014'], 'cannot show S-0-0014'),
     ],
 )
-def test_what_cannot_be_shown_is_said_in_one_sentence(texts, sentence):
+def test_undrawable_input_is_reported_in_one_sentence(texts, sentence):
     with pytest.raises(ParameterError, match=sentence.replace('.', r'\.')):
         chosen(texts)
 

@@ -1,4 +1,4 @@
-"""Facts about sensors and filters of a drive: errors add up, turn with the right angle; low-passes take their time."""
+"""Tests of sensors and filters of a drive: errors add up, turn with the right angle; low-passes take their time."""
 
 import math
 
@@ -32,7 +32,7 @@ def readings(drive, count, position=0.25):
     return np.array(found)
 
 
-def test_injected_noise_comes_on_top_of_that_of_the_encoder(robot):
+def test_injected_noise_adds_to_that_of_the_encoder(robot):
     own, injected = 4e-4, 3e-4
     drive = MC4(robot.replace(**SENSORS, rich__encoder_noise_rad=own))
     drive.state['encoder_noise'] = injected

@@ -1,4 +1,4 @@
-"""Facts about faults, stops and diagnostics of the MC-4 drives, and about states and faults together."""
+"""Tests of faults, stops and diagnostics of the MC-4 drives, and about states and faults together."""
 
 import math
 
@@ -64,14 +64,14 @@ def test_a_command_step_within_the_speed_of_the_motor_is_followed(robot):
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_command_that_is_no_number_stops_the_axis(value, robot):
+def test_command_that_is_not_a_number_stops_the_axis(value, robot):
     bench = Bench(robot).run(100).run(3, np.array([0.0, value, 0.0])).run(100)
     assert_stopped(bench, 1, DriveFault.COMMAND_NOT_FINITE)
     assert np.isfinite(bench.shafts).all()
 
 
 @pytest.mark.parametrize('count', [1, 2, 5])
-def test_commands_that_are_no_numbers_from_the_first_telegram_on_reach_no_motor(count, robot):
+def test_non_numeric_commands_from_the_first_telegram_on_reach_no_motor(count, robot):
     bench = Bench(robot).run(count, math.nan).run(100)
     assert np.isfinite(bench.currents).all()
     assert np.isfinite(bench.shafts).all()
@@ -311,7 +311,7 @@ def test_a_fault_of_bd1_stops_faster_than_the_ramp(robot):
     assert fast.max() > 2.0  # rad/s in a millisecond, where the ramp has 0.5
 
 
-def test_a_halted_drive_stands_in_torque_and_goes_on_from_where_it_stands(robot):
+def test_halted_drive_holds_torque_and_continues_from_its_position(robot):
     halt = int(Control.DRIVE_ON | Control.ENABLE)
     bench = Bench(robot).run(100).run(60, ramp(0.05, 3.0)).run(200, 3.0, control=halt)
     assert bench.states[-1] == [DriveState.HALTED] * 3
@@ -340,7 +340,7 @@ def test_a_jumping_encoder_takes_the_torque_away(axis, robot):
 # states and faults together
 
 
-def test_a_halted_drive_reacts_to_faults_and_does_not_come_back_with_one(robot):
+def test_halted_drive_reacts_to_faults_and_does_not_return_with_one(robot):
     halt = int(Control.DRIVE_ON | Control.ENABLE)
     drive = enabled_drive(robot)
     stand(drive, 0.0, 50, control=halt)
@@ -397,7 +397,7 @@ def test_a_drive_that_is_enabled_far_from_its_command_does_not_jump_there(robot)
     assert np.abs(currents).max() < 2.0
 
 
-def test_a_drive_whose_held_shaft_is_turned_through_the_brake_says_so_and_is_cleared_at_rest(robot):
+def test_held_shaft_turned_through_its_brake_is_reported_and_cleared_at_rest(robot):
     drive = enabled_drive(robot)
     stand(drive, 0.0, 600, control=CONTROL_ON)
     assert drive.drive_state == DriveState.READY

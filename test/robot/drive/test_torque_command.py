@@ -1,4 +1,4 @@
-"""Facts about the additive torque command (S-0-0081): it is interpolated, becomes a current, and no stop feels it."""
+"""Tests of the additive torque command (S-0-0081): it is interpolated, becomes a current, and no stop feels it."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_without_the_model_a_drive_ignores_it(robot):
     assert np.abs([cycle(drive, wave(n)) for n in range(10)]).max() < ROUNDING_A
 
 
-def test_a_lost_mdt_and_one_that_is_no_number_leave_it_where_it_is(model):
+def test_lost_and_non_numeric_mdt_leave_the_drive_in_place(model):
     for lost in (None, math.nan):
         drive = enabled(model, 0.5, load=0.5)
         found = [cycle(drive, torque, load=0.5) for torque in (0.5, 0.5, lost, 0.5, 0.5)]
@@ -104,7 +104,7 @@ def test_a_stop_keeps_the_torque_and_follows_no_command(control, model):
     np.testing.assert_allclose(found, before, atol=1e-9)
 
 
-def test_who_follows_again_begins_with_the_torque_that_holds(model):
+def test_resumed_axis_begins_with_the_holding_torque(model):
     drive = enabled(model, 0.7, load=0.7)
     before = cycle(drive, 0.7, load=0.7)[-1]
     for torque in [0.7] * 3 + [0.2] * 30:

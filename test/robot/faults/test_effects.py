@@ -1,4 +1,4 @@
-"""Facts about what faults do to drive, plant and robot."""
+"""Tests of what faults do to drive, plant and robot."""
 
 import itertools
 

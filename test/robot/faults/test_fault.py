@@ -1,4 +1,4 @@
-"""Facts about faults: which there are, how they are written down, whom they concern."""
+"""Tests of faults: which there are, how they are written down, whom they concern."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def test_every_kind_is_read_and_written_the_same_way(kind):
 
 
 @pytest.mark.parametrize('kind', NAMES)
-def test_every_kind_applies_to_somebody(kind):
+def test_every_kind_applies_to_a_participant(kind):
     fault = parse(example(kind), 'fault')
     assert any(applies_to(fault, node) for node in fault_table.NODES)
     if KINDS[kind].target == Target.AXIS:
@@ -65,7 +65,7 @@ def test_every_kind_applies_to_somebody(kind):
         ({'fault': 'payload_lost', 'for_s': 1.0}, "unknown key 'for_s'"),
     ],
 )
-def test_a_fault_that_breaks_a_rule_is_refused_by_name(document, sentence):
+def test_a_fault_that_breaks_a_rule_is_rejected_by_name(document, sentence):
     with pytest.raises(ProgramError) as caught:
         parse(document, 'fault')
     assert sentence in str(caught.value)
@@ -74,7 +74,7 @@ def test_a_fault_that_breaks_a_rule_is_refused_by_name(document, sentence):
 @pytest.mark.parametrize(
     'row', [[], [1.0] * 5, [99.0, 2, 0, 0, -1, 1], [0.5, 2, 0, 0, -1, 1], [0, 2, math.inf, 0, -1, 1]]
 )
-def test_a_row_of_numbers_that_is_no_fault_is_refused(row):
+def test_row_of_numbers_that_is_not_a_fault_is_rejected(row):
     with pytest.raises(ProgramError):
         Fault.from_row(row)
 

@@ -1,4 +1,4 @@
-"""Facts about the schedule of faults: when they begin and end."""
+"""Tests of the schedule of faults: when they begin and end."""
 
 from delta3_pacdrive.robot.faults import fault as fault_table
 from delta3_pacdrive.robot.faults.fault import parse
@@ -42,7 +42,7 @@ def test_the_next_event_is_a_change_or_a_telegram_that_is_disturbed():
     assert [schedule.next_event(cycle) for cycle in (41, 50, 51, 52)] == [50, 50, 51, 70]
 
 
-def test_clear_forgets_what_is_still_to_come():
+def test_clear_discards_pending_moves():
     schedule = Schedule()
     for after, kind in ((0.0, 'clear'), (0.5, 'encoder_failure'), (0.5, 'drop_at')):
         document = {'fault': kind, 'after_s': after} | ({'axis': 'axis1'} if kind != 'clear' else {})

@@ -1,4 +1,4 @@
-"""Facts about links that lose, delay, double or garble telegrams."""
+"""Tests of links that lose, delay, double or garble telegrams."""
 
 from delta3_pacdrive.robot.faults import fault as fault_table
 from delta3_pacdrive.robot.faults.fault import parse
@@ -30,19 +30,19 @@ def test_a_dropped_telegram_is_known_to_be_lost_in_its_own_cycle():
     assert said == []
 
 
-def test_a_delayed_telegram_arrives_behind_the_one_in_whose_cycle_it_is_let_go():
+def test_delayed_telegram_arrives_after_that_of_its_release_cycle():
     fault = {'fault': 'delay_at', 'axis': 'axis2', 'after_s': 0.003, 'by_cycles': 2}
     assert arrivals(fault)[0] == [*ALL[:3], (3, None), *ALL[4:6], (3, 'at 3'), *ALL[6:]]
 
 
-def test_a_duplicated_telegram_arrives_twice_and_a_garbled_one_is_told():
+def test_duplicated_telegram_arrives_twice_and_corrupted_one_is_reported():
     assert arrivals({'fault': 'duplicate_at', 'axis': 'axis2', 'after_s': 0.001})[0] == [*ALL[:2], *ALL[1:]]
     found, said = arrivals({'fault': 'corrupt_at', 'axis': 'axis2', 'after_s': 0.008})
     assert found == [*ALL[:8], (8, None), ALL[9]]
     assert said == ['axis2: the AT of bus cycle 8 is garbled']
 
 
-def test_what_is_lost_does_not_come_twice_whichever_fault_was_asked_for_first():
+def test_losses_do_not_add_up_in_any_order_of_faults():
     twice = {'fault': 'duplicate_at', 'axis': 'axis2', 'after_s': 0.005}
     lost = {'fault': 'drop_at', 'axis': 'axis2', 'after_s': 0.005}
     expected = [*ALL[:5], (5, None), *ALL[6:]]

@@ -1,4 +1,4 @@
-"""What the facts about the plant share."""
+"""Shared fixtures of the tests of the plant."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Facts about the built robot: what the thesis leaves out; and the nominal one stays as it is."""
+"""Tests of the built robot: what the thesis leaves out; and the nominal one stays as it is."""
 
 import math
 
@@ -155,7 +155,7 @@ def test_without_current_friction_and_cogging_only_take_energy(rich):
     assert seen[0] - seen[-1] > 1.0
 
 
-def test_sliding_friction_takes_its_torque_times_the_way(robot):
+def test_sliding_friction_consumes_torque_times_distance(robot):
     sliding = with_only(robot, 'friction')
     plant = released_plant(sliding)
     drive(plant, 60)

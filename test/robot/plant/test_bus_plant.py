@@ -1,4 +1,4 @@
-"""Facts about the plant on the bus: it joins, hears the drives, misses those that fall silent, rests, and leaves."""
+"""Tests of the plant on the bus: it joins, hears the drives, misses those that fall silent, rests, and leaves."""
 
 from collections.abc import Sequence
 
@@ -131,7 +131,7 @@ def test_each_drive_that_answers_a_greeting_is_announced_once_in_its_session() -
     assert rig.announced[-1][2] == ()
 
 
-def test_a_drive_that_sends_no_current_loses_its_power_and_the_machine_goes_on(rig: Rig) -> None:
+def test_drive_without_current_messages_loses_power_and_the_machine_continues(rig: Rig) -> None:
     rig.run(10)
     rig.run(1, (0, 2))
     rig.wait(DRIVE_SILENT_S - LOOK_S)
@@ -145,7 +145,7 @@ def test_a_drive_that_sends_no_current_loses_its_power_and_the_machine_goes_on(r
     assert rig.on_bus.slave.state is State.CYCLIC
 
 
-def test_without_any_drive_the_machine_comes_to_rest_and_leaves(rig: Rig) -> None:
+def test_machine_without_drives_comes_to_rest_and_leaves(rig: Rig) -> None:
     rig.run(10 * PER_CYCLE)
     rig.wait(DRIVE_SILENT_S + 2 * LOOK_S)
     assert rig.on_bus.slave.state is State.OUT
@@ -176,7 +176,7 @@ def test_when_the_phase_falls_no_outputs_are_waited_for() -> None:
     assert rig.losses == []
 
 
-def test_a_master_that_falls_silent_is_named_once_and_the_machine_goes_on() -> None:
+def test_silent_master_is_named_once_and_the_machine_continues() -> None:
     rig = in_cyclic_operation(Deaf())
     rig.run(2 * PER_CYCLE)
     rig.wait(DRIVE_SILENT_S + 2 * LOOK_S)
@@ -187,7 +187,7 @@ def test_a_master_that_falls_silent_is_named_once_and_the_machine_goes_on() -> N
     assert rig.on_bus.clock.exchange == before + 2 * PER_CYCLE
 
 
-def test_a_second_master_is_not_obeyed_in_cyclic_operation(rig: Rig) -> None:
+def test_second_master_is_ignored_in_cyclic_operation(rig: Rig) -> None:
     rig.phase(Phase.CP0, THEIRS, alone=False)
     assert rig.on_bus.slave.state is State.CYCLIC
 

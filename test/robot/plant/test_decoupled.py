@@ -1,4 +1,4 @@
-"""Facts about decoupled arms (Fig. 4.9, 8.4): three linear motors, and the coupling torque d as their input."""
+"""Tests of decoupled arms (Fig. 4.9, 8.4): three linear motors, and the coupling torque d as their input."""
 
 import json
 
@@ -74,13 +74,13 @@ def test_built_robots_have_no_linear_part(effect):
         parameters.load('rich').replace(dynamics__arm_coupling=DECOUPLED, **others)
 
 
-def test_a_payload_that_makes_the_loop_unstable_is_refused(loose):
+def test_a_payload_that_makes_the_loop_unstable_is_rejected(loose):
     with pytest.raises(ParameterError, match=r'payload of 2 kg the mass matrix reaches 2\.7'):
         Plant(loose.replace(dynamics__payload_mass_kg=2.0))
     decoupled.require_stable(loose, 0.5)
 
 
-def test_so_is_one_that_is_gripped_on_the_way(loose):
+def test_payload_gripped_during_motion_is_checked_as_well(loose):
     grip = {'output': {'name': 'gripper', 'value': True, 'payload_kg': 2.0}}
     program = programs.parse({'moves': [{'move_l': {'to_m': [0.0, 0.0, -0.8]}}, grip]}, loose.motion)
     with pytest.raises(ParameterError, match='payload of 2 kg'):
@@ -92,7 +92,7 @@ def test_the_largest_inertia_is_that_of_the_mass_matrix_somewhere(robot):
     assert decoupled.largest_inertia_kg_m2(robot, 0.0) < decoupled.largest_inertia_kg_m2(robot, 1.0)
 
 
-def test_simulate_tells_how_far_it_is_from_the_exact_plant(loose, tmp_path, capsys):
+def test_simulate_reports_the_difference_from_the_exact_plant(loose, tmp_path, capsys):
     path = parameters.write(loose, tmp_path / 'loose.yaml')
     assert main(['simulate', 'experiment1', '--parameters', str(path), '--json']) == 0
     apart = json.loads(capsys.readouterr().out)['from_exact']

@@ -1,4 +1,4 @@
-"""Facts about elastic gears, friction and torque ripple of the built robot."""
+"""Tests of elastic gears, friction and torque ripple of the built robot."""
 
 import math
 
@@ -76,7 +76,7 @@ def test_the_default_gear_swings_below_two_hundred_hertz_and_calms_down(rich):
     assert 0.05 < ratio < 0.12
 
 
-def test_behind_a_held_shaft_an_arm_moves_by_the_backlash_alone(robot):
+def test_arm_behind_a_held_shaft_moves_within_the_backlash_only(robot):
     backlash = 3e-3
     loose = with_only(
         robot, 'gear', rich__gear_backlash_rad=backlash, rich__gear_damping_n_m_s_rad=0.0,
@@ -101,7 +101,7 @@ def test_held_arms_hang_half_the_backlash_and_the_gears_yielding_below_their_sha
     assert sag == pytest.approx(0.5 * plant_robot.rich.gear_backlash_rad + yielding, rel=1e-9)
 
 
-def test_a_locked_shaft_stands_while_its_arm_swings_behind_the_gear(robot):
+def test_locked_shaft_rests_while_its_arm_oscillates_behind_the_gear(robot):
     plant = released_plant(with_only(robot, 'gear'))
     drive(plant, 150)
     drive(plant, 30, brakes=APPLIED)
@@ -153,7 +153,7 @@ def weightless(robot, **changes):
 
 
 @pytest.mark.parametrize('direction', [1.0, -1.0])
-def test_a_standing_shaft_breaks_away_only_beyond_its_stiction(direction, robot):
+def test_shaft_at_rest_breaks_away_only_beyond_its_stiction(direction, robot):
     plant_robot = weightless(robot)
     plant = released_plant(plant_robot)
     start = shafts(plant)[0]
@@ -201,7 +201,7 @@ def test_the_steady_friction_has_its_minimum_where_stribecks_curve_has_it(robot)
     assert [steady(-w) for w in (0.1, 3.0, 30.0)] == [-steady(w) for w in (0.1, 3.0, 30.0)]
 
 
-def test_a_shaft_that_comes_to_rest_under_friction_does_not_chatter(robot):
+def test_shaft_that_comes_to_rest_under_friction_does_not_chatter(robot):
     plant = released_plant(weightless(robot))
     drive(plant, 30, [1.0, 1.0, 1.0])
     speeds = []
@@ -216,7 +216,7 @@ def test_a_shaft_that_comes_to_rest_under_friction_does_not_chatter(robot):
 # torque ripple
 
 
-def test_cogging_and_ripple_come_at_their_periods_and_add_nothing_to_the_mean(robot):
+def test_cogging_and_ripple_have_their_periods_and_zero_mean(robot):
     plant_robot = with_only(robot, 'ripple')
     r, m = built_constants(plant_robot)[0], motor(plant_robot)[0]
     angles = math.tau * np.arange(720) / 720

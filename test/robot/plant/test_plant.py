@@ -1,4 +1,4 @@
-"""Facts about the plant (thesis 7.2, 8.2, 8.3): energy, brakes, end stops, coupling, integration."""
+"""Tests of the plant (thesis 7.2, 8.2, 8.3): energy, brakes, end stops, coupling, integration."""
 
 import itertools
 import math
@@ -103,7 +103,7 @@ def test_the_motors_work_is_energy_gained_and_friction(robot):
     assert abs(balance) < ENERGY * (work + losses)
 
 
-def test_brakes_take_the_rest_until_the_arms_stand(robot):
+def test_brakes_take_over_until_the_arms_are_at_rest(robot):
     balance, work, losses, plant = balance_of_work(robot, 3200, 800)
     assert plant.state['brake_locked'].all()
     assert speeds(plant).tolist() == [0.0] * 3

@@ -1,4 +1,4 @@
-"""Facts about the plant in bus time: what it waits for, who loses power, how the machine comes to rest."""
+"""Tests of the plant in bus time: what it waits for, who loses power, how the machine comes to rest."""
 
 from collections.abc import Sequence
 
@@ -74,7 +74,7 @@ def rig() -> Rig:
     return made
 
 
-def test_bus_time_goes_on_with_the_last_of_the_three_currents_whatever_their_order(rig: Rig) -> None:
+def test_bus_time_advances_with_the_last_of_three_currents_in_any_order(rig: Rig) -> None:
     for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
         exchange = rig.clock.exchange
         for index in order:
@@ -84,7 +84,7 @@ def test_bus_time_goes_on_with_the_last_of_the_three_currents_whatever_their_ord
     assert rig.published == [0, 1, 2, 3]
 
 
-def test_who_is_awaited_is_silent(rig: Rig) -> None:
+def test_expected_participant_without_messages_is_silent(rig: Rig) -> None:
     rig.take(1, 0)
     assert rig.clock.silent() == [0, 2]
 
@@ -100,12 +100,12 @@ def test_currents_of_the_past_and_repeated_ones_change_nothing(rig: Rig) -> None
     assert rig.clock.shafts() == pytest.approx(still, abs=1e-6)
 
 
-def test_currents_of_more_than_a_cycle_ahead_are_refused(rig: Rig) -> None:
+def test_currents_of_more_than_a_cycle_ahead_are_rejected(rig: Rig) -> None:
     assert rig.take(0, PER_CYCLE)
     assert not rig.take(0, PER_CYCLE + 1)
 
 
-def test_without_a_drive_the_others_go_on_and_its_currents_count_no_more(rig: Rig) -> None:
+def test_others_continue_without_a_drive_whose_currents_no_longer_count(rig: Rig) -> None:
     rig.run(3)
     rig.run(1, drives=(0, 2))
     assert rig.clock.exchange == 3
@@ -130,12 +130,12 @@ def test_a_drive_that_was_held_up_has_power_again_when_it_has_caught_up(rig: Rig
     assert rig.clock.exchange == 7  # its currents of this exchange are there
 
 
-def test_when_no_drive_has_power_any_more_bus_time_stands(rig: Rig) -> None:
+def test_bus_time_stops_when_no_drive_has_power(rig: Rig) -> None:
     assert not rig.clock.drop([0, 1, 2])
     assert rig.clock.exchange == 0
 
 
-def test_at_the_end_the_machine_comes_to_rest_and_the_next_cycle_is_whole(rig: Rig) -> None:
+def test_machine_comes_to_rest_at_the_end_and_the_next_cycle_is_complete(rig: Rig) -> None:
     rig.run(PER_CYCLE + 1)
     cycle = rig.clock.come_to_rest()
     assert rig.clock.exchange == cycle * PER_CYCLE
@@ -162,7 +162,7 @@ EVENTS = st.one_of(
 
 @settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=60))
-def test_whatever_comes_when_exchanges_follow_one_another(events: list[tuple[str, int, int]]) -> None:
+def test_any_sequence_of_exchanges_is_handled(events: list[tuple[str, int, int]]) -> None:
     rig = Rig()
     clock = rig.clock
     clock.begin(0)
@@ -200,7 +200,7 @@ def cell(around: Surroundings) -> Rig:
     return made
 
 
-def test_the_cell_is_told_the_true_angle_of_a_tool_that_turns(around: Surroundings) -> None:
+def test_cell_receives_the_true_angle_of_a_rotating_tool(around: Surroundings) -> None:
     turning = ROBOT.replace(rotary__present=True, rotary__home_deg=25.0)
     clock = PlantClock(turning, Schedule(), lambda exchange, shafts: None, around)
     clock.begin(0)
@@ -216,7 +216,7 @@ def test_the_cell_is_told_the_true_angle_of_a_tool_that_turns(around: Surroundin
     assert turns[-1] < shaft < 2.0 * turns[-1]
 
 
-def test_without_a_rotary_axis_the_cell_is_told_no_turn(cell: Rig, around: Surroundings) -> None:
+def test_cell_without_a_rotary_axis_receives_no_rotation(cell: Rig, around: Surroundings) -> None:
     cell.run(PER_CYCLE)
     assert set(around.turns_rad) == {0.0}
 
@@ -231,7 +231,7 @@ def test_a_bus_cycle_waits_for_the_outputs_of_the_mdt_before(cell: Rig, around: 
     assert around.steps == [0, 1]
 
 
-def test_who_is_dropped_takes_the_wait_for_outputs_with_him(cell: Rig, around: Surroundings) -> None:
+def test_removed_participant_is_not_waited_for_by_outputs(cell: Rig, around: Surroundings) -> None:
     cell.run(PER_CYCLE)
     for index in range(3):
         cell.take(index, PER_CYCLE)
@@ -242,7 +242,7 @@ def test_who_is_dropped_takes_the_wait_for_outputs_with_him(cell: Rig, around: S
     assert cell.clock.exchange == 4 * PER_CYCLE + 1
 
 
-def test_outputs_that_come_again_are_waited_for_again(cell: Rig, around: Surroundings) -> None:
+def test_repeated_outputs_are_waited_for_again(cell: Rig, around: Surroundings) -> None:
     cell.run(PER_CYCLE)
     cell.clock.drop([])
     cell.run(PER_CYCLE)
@@ -251,7 +251,7 @@ def test_outputs_that_come_again_are_waited_for_again(cell: Rig, around: Surroun
     assert cell.clock.exchange == 3 * PER_CYCLE
 
 
-def test_the_cell_goes_on_while_the_machine_comes_to_rest(cell: Rig, around: Surroundings) -> None:
+def test_cell_continues_while_the_machine_comes_to_rest(cell: Rig, around: Surroundings) -> None:
     cycle = cell.clock.come_to_rest()
     assert around.steps == list(range(cycle))
 

@@ -1,4 +1,4 @@
-"""Facts about a plate on six rods: where forearms are no parallelograms it tilts, and the TCP goes along."""
+"""Tests of a plate on six rods: where forearms are no parallelograms it tilts, and the TCP goes along."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Facts about the machine of the rotary axis: motor, brake, gear, bar and tool."""
+"""Tests of the machine of the rotary axis: motor, brake, gear, bar and tool."""
 
 import math
 
@@ -55,7 +55,7 @@ def test_the_axis_runs_down_exponentially_against_viscous_friction(robot):
     assert axis.shaft()[1] == pytest.approx(100.0 * math.exp(-1e-3 * 0.1 / inertia), rel=STEP)
 
 
-def test_the_axis_runs_down_against_coulomb_friction_as_its_closed_form_says(robot):
+def test_axis_coasts_against_coulomb_friction_as_in_its_closed_form(robot):
     """I w' = -F_s tanh(w / w_s) is solved by sinh(w / w_s) = sinh(w0 / w_s) exp(-F_s t / (I w_s))."""
     machine = with_axis(robot, static_friction_n_m=0.05, viscous_friction_n_m_s_rad=0.0)
     inertia, smooth = machine.rotary.shaft_inertia_kg_m2(0.0), machine.motor.friction_smoothing_rad_s
@@ -128,7 +128,7 @@ def test_rotor_and_tool_swing_at_the_frequency_of_two_masses(robot):
     assert np.diff(rises).mean() * 62.5e-6 == pytest.approx(period, rel=2e-3)
 
 
-def test_the_tool_stays_behind_by_the_lost_motion_when_the_motor_turns_back(robot):
+def test_tool_lags_by_the_lost_motion_when_the_motor_reverses(robot):
     lost = 0.5
     damped = {
         'bar_stiffness_n_m_rad': 1e4,
@@ -169,7 +169,7 @@ def test_a_brake_stops_the_axis_after_its_time(robot):
     assert axis.state['brake_locked'][0] == 1
 
 
-def test_the_axis_stands_at_its_home(robot):
+def test_axis_is_at_its_home(robot):
     machine = with_axis(robot, home_deg=30.0)
     axis = RotaryPlant(machine, 0)
     assert axis.angle_rad == pytest.approx(math.radians(30.0), rel=1e-12)

@@ -1,4 +1,4 @@
-"""Facts about what sensors of the built robot show, and about arms that are not as drawn."""
+"""Tests of what sensors of the built robot show, and about arms that are not as drawn."""
 
 import math
 
@@ -95,7 +95,7 @@ NO_ERRORS = dict.fromkeys(ERRORS, (0.0, 0.0, 0.0))
 
 @pytest.mark.parametrize('home', [[0.0, 0.0, -0.75], [0.3, 0.1, -0.85], [-0.2, 0.35, -0.9]])
 @pytest.mark.parametrize('which', [*ERRORS, 'all'])
-def test_geometric_errors_move_the_tcp_by_what_their_jacobian_says(which, home, robot):
+def test_geometric_errors_move_the_tcp_as_predicted_by_their_jacobian(which, home, robot):
     """From s_i.(dX - dC_i) = l_B dl_B."""
     errors = NO_ERRORS | (ERRORS if which == 'all' else {which: ERRORS[which]})
     crooked = with_only(

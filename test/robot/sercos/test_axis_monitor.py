@@ -1,4 +1,4 @@
-"""Facts about the master's view of the drives, about silence, and about the stop that a fault leads to."""
+"""Tests of the master's view of the drives, about silence, and about the stop that a fault leads to."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_two_lost_in_a_row_are_8506_and_two_apart_are_not(master):
     assert master.check(10, NEVER).fault.sentence == 'axis3: two AT lost in a row in bus cycle 10 (8506)'
 
 
-def test_a_status_with_error_is_told_once_and_names_axis_and_cycle(master):
+def test_error_status_is_reported_once_with_axis_and_cycle(master):
     master.accept(0, (1.0, 2.0, 3.0), FOLLOWS | int(Status.ERROR))
     assert master.check(4, NEVER).fault.sentence == 'axis1 reports a fault in bus cycle 4'
     assert master.faulty() == [0]
@@ -76,7 +76,7 @@ def test_an_absent_axis_is_neither_checked_nor_counted(master):
     assert master.absent == set()
 
 
-def test_times_of_silence_let_decide_first_who_can_tell_the_culprit():
+def test_timeouts_let_the_best_informed_participant_decide_first():
     # a drive sees that the master is gone before the plant takes the drive for dead
     assert MASTER_SILENT_S < DRIVE_SILENT_S - 0.5
     # with a dead drive the plant goes on first; then the master knows who is missing before the others miss the master
@@ -92,7 +92,7 @@ def test_a_watch_measures_silence_between_its_looks():
     assert watch.silence_s(10.4) == pytest.approx(0.35)
 
 
-def test_a_look_that_comes_late_proves_little():
+def test_late_poll_proves_little():
     watch = Watchdog(0.2)
     watch.received(10.0)
     assert watch.silence_s(13.0) == pytest.approx(0.4)
@@ -164,7 +164,7 @@ def test_the_earlier_of_two_stops_counts_whichever_is_asked_for_first(cycles, ta
     assert task.profile.cycle == 150
 
 
-def test_a_stop_of_a_robot_that_stands_only_takes_the_torque_off(task):
+def test_stop_at_rest_only_removes_the_torque(task):
     task.clear_program()
     task.stop_at(20)
     places, controls = commands(task, 0, 100)
@@ -187,7 +187,7 @@ def test_giving_up_forgets_the_stop_as_well(task):
     assert controls[100] == CONTROL_ENABLE
 
 
-def test_nobody_postpones_the_torque_going_off_by_asking_again(task):
+def test_repeated_requests_do_not_postpone_the_removal_of_torque(task):
     task.stop_at(120)
     commands(task, 0, 121)
     controls = []
@@ -197,7 +197,7 @@ def test_nobody_postpones_the_torque_going_off_by_asking_again(task):
     assert controls.index(CONTROL_ON) + 121 == task.end_cycle + DISABLE_CYCLES
 
 
-def test_a_stop_cancels_a_way_back_to_the_plan_that_has_not_begun(task):
+def test_stop_cancels_a_pending_return_to_the_plan(task):
     commands(task, 0, 100)
     task.hold()
     commands(task, 100, 400)
@@ -219,7 +219,7 @@ def test_a_stop_cancels_an_enabling_that_has_not_begun(robot):
     assert set(controls) == {CONTROL_ON}
 
 
-def test_a_stop_for_an_axis_that_is_lost_is_as_hard_as_the_robot_can_also_when_another_is_under_way(robot):
+def test_stop_for_a_lost_axis_is_hard_even_during_another_stop(robot):
     ends = {}
     for kind in ('soft', 'hard', 'soft, then hard'):
         task = Transformation(robot)
@@ -278,7 +278,7 @@ def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
 
 
 @pytest.mark.parametrize(('follows', 'not_following'), [(0, True), (int(Status.FOLLOWS_COMMAND), False)])
-def test_an_axis_that_reports_a_fault_does_not_follow_unless_it_says_so(follows, not_following, master):
+def test_faulted_axis_follows_only_if_its_status_says_so(follows, not_following, master):
     master.accept(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
     fault = master.check(7, 10**6)
     assert (fault.fault.sentence, fault.not_following) == (
@@ -308,7 +308,7 @@ def test_a_cycle_is_complete_when_the_answers_of_all_three_drives_are_there(buff
     assert buffer.lost == buffer.repeated == 0
 
 
-def test_a_later_answer_of_a_drive_says_that_those_before_are_lost(buffer):
+def test_later_at_of_a_drive_marks_earlier_ones_as_lost(buffer):
     buffer.put(0, 102, 'later')
     buffer.put(1, 100, None)
     assert buffer.lost == 3
@@ -329,7 +329,7 @@ def test_the_same_answer_twice_is_counted_and_a_different_one_contradicts(buffer
     assert buffer.get(100)[0] == 'a'
 
 
-def test_nobody_waits_for_an_axis_that_is_given_up(buffer):
+def test_removed_axis_is_not_waited_for(buffer):
     for index in (0, 2):
         buffer.put(index, 100, 'x')
     buffer.drop(1)

@@ -1,4 +1,4 @@
-"""Facts about the bus (thesis 2.2.3, 8.1): time stamps, agreement in phase CP2, scheduler, increments, words."""
+"""Tests of the bus (thesis 2.2.3, 8.1): time stamps, agreement in phase CP2, scheduler, increments, words."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_the_stamp_of_a_cycle_is_its_number_times_the_cycle_time():
 
 @pytest.mark.parametrize('period_s', PERIODS_S)
 @given(st.integers(0, 2**31 - 1), st.integers(0, NANOSECONDS - 1))
-def test_a_stamp_off_the_grid_is_refused(period_s, sec, nanosec):
+def test_a_stamp_off_the_grid_is_rejected(period_s, sec, nanosec):
     clock = Clock(period_s)
     if (sec * NANOSECONDS + nanosec) % clock.period_ns:
         with pytest.raises(
@@ -65,7 +65,7 @@ def test_a_stamp_off_the_grid_is_refused(period_s, sec, nanosec):
 
 
 @pytest.mark.parametrize('nanosec', [NANOSECONDS, 2 * NANOSECONDS, -1_000_000])
-def test_nanoseconds_beyond_a_second_are_refused(nanosec):
+def test_nanoseconds_beyond_a_second_are_rejected(nanosec):
     with pytest.raises(TelegramError):
         Clock(1e-3).count(5, nanosec)
 
@@ -268,7 +268,7 @@ def test_one_revolution_is_2_to_the_19_increments():
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_what_is_no_position_is_on_no_increment(value):
+def test_non_finite_position_is_on_no_increment(value):
     assert not math.isfinite(on_grid(value, PER_RAD))
 
 
@@ -335,7 +335,7 @@ def test_torque_is_read_from_the_words_on_the_bus(status, expected):
 @pytest.mark.parametrize(
     'value', [0.0, -0.5, 1e300, -1e300, math.inf, -math.inf, math.nan, 2.0**53 - 1.0, 0.49999999999999994]
 )
-def test_increments_are_those_of_numpy_whatever_the_shaft_tells(value):
+def test_increments_are_those_of_numpy_for_any_shaft(value):
     told = to_increments(value, 1.0)
     assert np.float64(told).tobytes() == np.floor(np.float64(value) + 0.5).tobytes()
     several = np.array([value, 0.3, -7.6])

@@ -1,4 +1,4 @@
-"""Facts about the inputs that the master keeps by bus cycle."""
+"""Tests of the inputs that the master keeps by bus cycle."""
 
 from delta3_pacdrive.robot.sercos.buffers import InputImage
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
@@ -11,7 +11,7 @@ def test_without_inputs_no_cycle_waits_for_any() -> None:
     assert image.take(7) == 0
 
 
-def test_a_cycle_is_complete_with_its_inputs_and_tells_them() -> None:
+def test_cycle_is_complete_with_its_inputs_and_reports_them() -> None:
     image = InputImage()
     image.begin(7, ('part', 'vacuum'))
     assert not image.is_complete(7)
@@ -31,7 +31,7 @@ def test_inputs_that_are_lost_are_those_of_the_cycle_before() -> None:
     assert image.lost == 3
 
 
-def test_inputs_that_come_again_or_of_the_past_change_nothing() -> None:
+def test_repeated_and_past_inputs_change_nothing() -> None:
     image = InputImage()
     image.begin(5, ('part',))
     image.put(4, 1)

@@ -1,4 +1,4 @@
-"""Facts about the master of the bus: every phase, what it waits for, and what holds whatever happens."""
+"""Tests of the master of the bus: every phase, what it waits for, and what holds whatever happens."""
 
 import itertools
 from typing import Any
@@ -146,7 +146,7 @@ def test_the_last_row_falls_to_cp0_in_a_new_session(bus: Bus) -> None:
     assert (bus.master.phase, bus.master.cyclic) == (Phase.CP0, False)
 
 
-def test_the_table_has_no_row_that_is_not_told_here() -> None:
+def test_table_has_only_the_rows_tested_here() -> None:
     assert {phase for phase, _ in TRANSITIONS} == {*ROWS, Phase.CP4}
     assert len(TRANSITIONS) == len(Phase)
     assert {phase: event for phase, event in TRANSITIONS if phase != Phase.CP4} == ONWARD
@@ -162,7 +162,7 @@ def test_before_cyclic_operation_nothing_falls_but_the_fault_is_noted(bus: Bus) 
 # what phases wait for -------------------------------------------------------------------------------------------------
 
 
-def test_cp0_names_who_is_missing_once_and_goes_on_when_everybody_is_there(bus: Bus) -> None:
+def test_cp0_names_missing_partners_once_and_continues_when_all_are_present(bus: Bus) -> None:
     bus.announce('axis2')
     assert bus.poll()[-1] == Wait(Reason(Code.BUS, 'waiting for axis1, axis3, plant'))
     assert bus.poll() == []
@@ -173,7 +173,7 @@ def test_cp0_names_who_is_missing_once_and_goes_on_when_everybody_is_there(bus: 
     assert bus.master.waiting is None
 
 
-def test_cp0_waits_while_somebody_writes_what_only_one_may(bus: Bus) -> None:
+def test_cp0_waits_while_a_second_publisher_writes_a_bus_topic(bus: Bus) -> None:
     bus.everybody_answers()
     bus.poll(doubled=Reason(Code.BUS, 'sercos/mdt has 2 writers'))
     assert str(bus.master.waiting) == 'waiting until one of them ends: sercos/mdt has 2 writers'
@@ -194,7 +194,7 @@ def test_in_cp1_the_plant_is_suspected_after_a_while_if_no_drive_at_all_answers(
     assert str(bus.master.waiting) == 'waiting for an answer of axis2, axis3'
 
 
-def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(bus: Bus) -> None:
+def test_cp2_lasts_until_the_plant_receives_every_drive(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     for links, waiting in (
         ((), 'waiting for the plant to receive from axis1, axis2, axis3'),
@@ -209,7 +209,7 @@ def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(bus: Bus) -> None:
     assert bus.located == [HOME]
 
 
-def test_who_rests_on_something_else_keeps_the_bus_in_cp2_until_he_is_replaced(bus: Bus) -> None:
+def test_participant_with_other_parameters_keeps_the_bus_in_cp2_until_replaced(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     bus.announce('axis2', OTHERS)
     for _ in range(3):
@@ -221,14 +221,14 @@ def test_who_rests_on_something_else_keeps_the_bus_in_cp2_until_he_is_replaced(b
     assert bus.master.phase == Phase.CP3
 
 
-def test_who_comes_in_cp3_with_something_else_keeps_the_bus_from_cyclic_operation(bus: Bus) -> None:
+def test_participant_with_other_parameters_in_cp3_prevents_cyclic_operation(bus: Bus) -> None:
     bus.up_to(Phase.CP3)
     bus.announce('axis2', OTHERS, instance='second')
     assert isinstance(bus.poll()[-1], Note)
     assert bus.master.phase == Phase.CP3
 
 
-def test_a_place_that_is_none_keeps_the_bus_in_cp2(bus: Bus) -> None:
+def test_invalid_slot_keeps_the_bus_in_cp2(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     bus.nowhere = Reason(Code.CONTENT, 'arm 1 reaches no such place')
     assert bus.poll()[-1] == Note(RobotFault(FaultCode.PLACE, 'arm 1 reaches no such place'))
@@ -271,7 +271,7 @@ def test_bus_time_never_goes_back(bus: Bus) -> None:
     assert bus.poll(30)[-2:] == [Begin(4000), Announce(Phase.CP4, b'0001', 4000, True)]
 
 
-def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_lets_the_phase_fall(bus: Bus) -> None:
+def test_joining_or_leaving_drive_stops_the_robot_and_the_plant_drops_the_phase(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     (stop,) = bus.announce('axis2', instance='second', occasion=Occasion.STARTED)
     sentence = 'axis2 restarted or left the bus in bus cycle 90'
@@ -282,7 +282,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_lets_the_phase
     assert announce == Announce(Phase.CP0, b'0002', 100, True)
 
 
-def test_the_bus_goes_on_without_a_drive_only_if_others_do(bus: Bus) -> None:
+def test_bus_continues_without_a_drive_only_if_others_remain(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     assert bus.master.missed([1], ANSWER_SILENT_S, 5, 100, 90) == []
     assert bus.master.missed([1], ANSWER_SILENT_S + 0.1, 2, 100, 90) == []
@@ -347,7 +347,7 @@ def live(bus: Bus, happening: Any) -> list[Any]:
 
 @settings(max_examples=examples(300))
 @given(HAPPENINGS)
-def test_whatever_happens_cyclic_operation_begins_only_with_all_four_who_agree_in_this_session(
+def test_cyclic_operation_begins_only_with_all_four_participants_of_this_session(
     happenings: list[Any],
 ) -> None:
     bus = Bus()
@@ -386,7 +386,7 @@ def test_whatever_happens_phases_go_up_by_one_or_fall_to_cp0_and_what_is_announc
 
 
 @given(HAPPENINGS)
-def test_whatever_has_happened_the_bus_comes_up_when_everybody_answers(happenings: list[Any]) -> None:
+def test_bus_phases_up_whenever_all_participants_respond(happenings: list[Any]) -> None:
     bus = Bus()
     for happening in happenings:
         live(bus, happening)

@@ -1,4 +1,4 @@
-"""Facts about the table of participants: who is there, who is a recording, who has come or gone."""
+"""Tests of the table of participants: who is there, who is a recording, who has come or gone."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def announce(robot):
     return make
 
 
-def test_who_answers_the_call_of_this_session_is_there(table: Participants, announce) -> None:
+def test_reply_to_the_call_of_this_session_counts_as_present(table: Participants, announce) -> None:
     assert not table.announced(announce(links=('axis2',), bus_cycle=7))
     assert set(table.identities) == {'axis1'}
     assert table.links['axis1'] == ('axis2',)
@@ -30,7 +30,7 @@ def test_who_answers_the_call_of_this_session_is_there(table: Participants, anno
 
 
 @pytest.mark.parametrize('session', ['', '0000', 'ffff'])
-def test_who_answers_another_call_is_not_there(session: str, table: Participants, announce) -> None:
+def test_reply_to_another_call_does_not_count_as_present(session: str, table: Participants, announce) -> None:
     assert not table.announced(announce(session, bus_cycle=10**9))
     assert table.identities == {}
     assert table.bus_cycle == 0
@@ -49,7 +49,7 @@ def test_a_new_session_calls_everybody_anew_and_bus_time_never_goes_back(
 
 
 @pytest.mark.parametrize('occasion', [Occasion.STARTED, Occasion.LEFT])
-def test_who_comes_or_goes_in_cyclic_operation_is_noticed_once(
+def test_change_of_participants_in_cyclic_operation_is_detected_once(
     occasion: Occasion, table: Participants, announce
 ) -> None:
     table.announced(announce())

@@ -1,4 +1,4 @@
-"""Facts about the service channel: words, handshake, errors, and identification numbers."""
+"""Tests of the service channel: words, handshake, errors, and identification numbers."""
 
 import math
 import struct
@@ -33,7 +33,7 @@ def bits(value):
 
 
 @given(IDNS, VALUES, LATENCIES, LATENCIES)
-def test_values_come_to_the_drive_and_back_to_the_last_bit_at_any_latency(idn, value, there, back):
+def test_values_are_written_and_read_to_the_last_bit_at_any_latency(idn, value, there, back):
     memory = Memory()
     ring = Ring(memory, there, back)
     written = ring.write(idn, value)
@@ -67,7 +67,7 @@ def test_a_queue_of_accesses_is_answered_one_for_one_in_order(accesses, there, b
 
 @pytest.mark.parametrize('error', [error for error in ServiceError if error])
 @pytest.mark.parametrize('operation', Operation)
-def test_every_error_number_comes_back(error, operation):
+def test_every_error_number_is_restored(error, operation):
     ring = Ring(lambda access: Answer(access.idn, error))
     answer, cycles = ring.access(Access(KV, operation, 1.0))
     assert (answer.idn, answer.error) == (KV, error)
@@ -75,7 +75,7 @@ def test_every_error_number_comes_back(error, operation):
     assert cycles < 15
 
 
-def test_an_idle_channel_is_silent_on_both_sides():
+def test_idle_channel_is_silent_on_both_sides():
     ring = Ring(Memory())
     assert ring.master.to_send() == ring.slave.to_send() == IDLE
     ring.read(KV)
@@ -292,7 +292,7 @@ def test_an_idn_is_its_kind_its_parameter_set_and_its_number(text, idn):
         'S-0-٠١٠٤',
     ],
 )
-def test_texts_near_an_idn_are_refused(text):
+def test_texts_near_an_idn_are_rejected(text):
     with pytest.raises(ParameterError, match='is not a valid IDN'):
         parse_idn(text)
 

@@ -1,4 +1,4 @@
-"""Facts about the master's end of the service channel: limits in time and number, and answers that are none."""
+"""Tests of the master's end of the service channel: limits in time and number, and answers that are none."""
 
 import pytest
 from hypothesis import given, settings
@@ -25,7 +25,7 @@ def test_a_dead_drive_ends_the_access_and_answers_again_when_it_is_back():
     assert memory.values == {KV: 80.0}
 
 
-def test_an_old_answer_of_a_drive_that_comes_back_is_not_taken_for_a_new_one():
+def test_old_at_of_a_returning_drive_is_not_taken_for_a_new_one():
     memory = Memory()
     memory.values = {KV: 1.0, K_I: 2.0}
     for sent in range(1, 40):
@@ -39,7 +39,7 @@ def test_an_old_answer_of_a_drive_that_comes_back_is_not_taken_for_a_new_one():
         assert ring.read(KV).value == 1.0
 
 
-def test_silence_without_any_telegram_ends_in_errors_too_as_soon_as_somebody_asks():
+def test_total_silence_ends_in_errors_as_soon_as_it_is_checked():
     master = ServiceMaster()
     master.request(Access(KV, Operation.READ))
     master.request(Access(K_I, Operation.READ))
@@ -53,7 +53,7 @@ def test_silence_without_any_telegram_ends_in_errors_too_as_soon_as_somebody_ask
     assert master.to_send() == IDLE
 
 
-def test_a_full_queue_refuses_in_one_sentence_and_stays_as_it_is():
+def test_a_full_queue_rejects_in_one_sentence_and_stays_as_it_is():
     ring = Ring(Memory())
     for number in range(WAITING_MAX):
         ring.master.request(Access(number, Operation.READ))
@@ -67,7 +67,7 @@ def test_a_full_queue_refuses_in_one_sentence_and_stays_as_it_is():
     assert ring.read(KV).error == ServiceError.NONE
 
 
-def test_the_queue_stays_bounded_while_nobody_fetches_the_answers():
+def test_queue_is_bounded_while_replies_are_not_fetched():
     master = ServiceMaster(cycles_max=1)
     for _ in range(WAITING_MAX):
         master.request(Access(KV, Operation.READ))
@@ -118,7 +118,7 @@ def test_an_answer_from_before_closing_is_not_taken_for_a_new_one():
         None,
     ],
 )
-def test_what_cannot_be_put_into_words_is_refused(access):
+def test_what_cannot_be_put_into_words_is_rejected(access):
     master = ServiceMaster()
     with pytest.raises(TelegramError, match='is not a '):
         master.request(access)
@@ -142,7 +142,7 @@ def test_garbage_to_the_controller_neither_raises_nor_gives_more_than_one_answer
 
 
 @pytest.mark.parametrize('portions', [(0x000, 0x010), (0x000, 0x080), (0x123, 0x000), (0x700, 0xF00)])
-def test_an_answer_with_an_unknown_error_or_bits_that_must_be_zero_is_none(portions):
+def test_reply_with_unknown_error_or_reserved_bits_is_ignored(portions):
     master = ServiceMaster()
     master.request(Access(KV, Operation.COMMAND))
     master.received(master.to_send())

@@ -1,4 +1,4 @@
-"""Facts about the drive's end of the service channel: garbage is no access."""
+"""Tests of the drive's end of the service channel: garbage is no access."""
 
 import pytest
 from hypothesis import given, settings
@@ -24,7 +24,7 @@ def test_garbage_neither_raises_nor_calls_the_drive_with_anything_but_a_well_for
 
 
 @pytest.mark.parametrize('portions', [(0x1001, 0x2010), (0x1001, 0x2020), (0x1001, 0x2000), (0x1C01, 0x2030)])
-def test_a_message_with_a_wrong_operation_or_bits_that_must_be_zero_is_no_access(portions):
+def test_message_with_invalid_operation_or_reserved_bits_is_ignored(portions):
     memory = Memory()
     slave = ServiceSlave(memory)
     for word in portions * 3:

@@ -38,7 +38,7 @@ def run(one: CycleScheduler, cycles: range, now_s: float) -> int:
     return cycles.stop
 
 
-def test_nobody_begins_before_all_are_ready_and_then_all_do_with_the_same_cycle_at_the_same_instant() -> None:
+def test_robots_begin_when_all_are_ready_with_the_same_cycle_at_the_same_instant() -> None:
     first, second, third = schedulers(3)
     assert [first.first_cycle(0, NOW_S), second.first_cycle(0, NOW_S)] == [None, None]
     assert third.first_cycle(0, NOW_S + 5.0) == 0
@@ -66,7 +66,9 @@ def test_a_file_of_zeros_is_a_clock_of_as_many_members_as_it_has_room_for(tmp_pa
     ],
     ids=['an odd size', 'of no robot', 'a program'],
 )
-def test_another_file_is_no_clock_and_stays_as_it_is(tmp_path: Path, content: bytes, sentence: str) -> None:
+def test_other_file_is_rejected_as_clock_and_stays_as_it_is(
+    tmp_path: Path, content: bytes, sentence: str
+) -> None:
     path = tmp_path / 'clock'
     path.write_bytes(content)
     with pytest.raises(RunError, match=f'clock is not a bus clock: {sentence}'):
@@ -74,7 +76,7 @@ def test_another_file_is_no_clock_and_stays_as_it_is(tmp_path: Path, content: by
     assert path.read_bytes() == content
 
 
-def test_who_has_left_before_the_begin_is_not_waited_for() -> None:
+def test_client_that_left_before_the_begin_is_not_waited_for() -> None:
     path = create(2)
     one, gone = SharedClock(path, 0), SharedClock(path, 1)
     assert not one.ready(NOW_S)
@@ -82,7 +84,7 @@ def test_who_has_left_before_the_begin_is_not_waited_for() -> None:
     assert one.ready(NOW_S)
 
 
-def test_who_falls_behind_makes_all_late() -> None:
+def test_slow_robot_delays_all_others() -> None:
     first, second = begun()
     begin_s = NOW_S + HEAD_START_S
     assert run(first, range(10), begin_s + 0.0051) == run(second, range(10), begin_s + 0.0051) == 6
@@ -94,7 +96,7 @@ def test_who_falls_behind_makes_all_late() -> None:
     assert first.slip_s == second.slip_s
 
 
-def test_nobody_is_farther_ahead_than_a_window() -> None:
+def test_robots_are_within_one_window_of_each_other() -> None:
     first, second = begun(0.0)
     assert second.may_start(0, 0, NOW_S)
     assert run(first, range(10 * WINDOW_CYCLES), NOW_S) == WINDOW_CYCLES + 2
@@ -103,7 +105,7 @@ def test_nobody_is_farther_ahead_than_a_window() -> None:
     assert first.overruns == 0
 
 
-def test_who_has_no_bus_any_more_is_not_waited_for_and_comes_back_to_where_the_others_are() -> None:
+def test_robot_without_a_bus_is_not_waited_for_and_returns_to_the_cycle_of_the_others() -> None:
     first, second = begun()
     begin_s = NOW_S + HEAD_START_S
     for cycle in range(5):
@@ -117,7 +119,7 @@ def test_who_has_no_bus_any_more_is_not_waited_for_and_comes_back_to_where_the_o
     assert second.slip_s == first.slip_s == 0.0
 
 
-def test_without_a_clock_who_comes_back_begins_with_the_foremost_cycle() -> None:
+def test_robot_returning_without_a_clock_begins_with_the_foremost_cycle() -> None:
     first, second = begun(0.0)
     run(second, range(5), NOW_S)
     second.end()
@@ -125,7 +127,7 @@ def test_without_a_clock_who_comes_back_begins_with_the_foremost_cycle() -> None
     assert second.first_cycle(5, NOW_S) == 500
 
 
-def test_a_process_that_is_no_more_is_not_waited_for() -> None:
+def test_ended_process_is_not_waited_for() -> None:
     path = create(2)
     one = CycleScheduler(0.0, OUTSTANDING, SharedClock(path, 0))
     process = os.fork()
@@ -142,7 +144,7 @@ def test_a_process_that_is_no_more_is_not_waited_for() -> None:
     assert again.first_cycle(0, NOW_S) == 10 * WINDOW_CYCLES
 
 
-def test_a_clock_that_is_none_and_a_place_that_it_does_not_have_are_refused() -> None:
+def test_invalid_clock_and_missing_slot_are_rejected() -> None:
     with pytest.raises(RunError, match=r'cannot share the bus clock /nowhere/clock: .*No such file'):
         SharedClock('/nowhere/clock', 0)
     path = create(2)

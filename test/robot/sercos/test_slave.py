@@ -1,4 +1,4 @@
-"""Facts about a slave of the bus: every row of its table, and what holds whatever is announced in whatever order."""
+"""Tests of a slave of the bus: every row of its table, and what holds whatever is announced in whatever order."""
 
 from typing import Any
 
@@ -73,7 +73,7 @@ ROWS = {
 
 @pytest.mark.parametrize('state', State)
 @pytest.mark.parametrize('event', Event)
-def test_every_event_leads_where_its_row_says_and_without_a_row_nowhere(state: State, event: Event) -> None:
+def test_every_event_leads_to_the_state_of_its_row(state: State, event: Event) -> None:
     slave = slave_in(state)
     if (state, event) == (State.OUT, Event.BEGIN):
         return  # without a session of its own, every session is another one's
@@ -85,7 +85,7 @@ def test_every_event_leads_where_its_row_says_and_without_a_row_nowhere(state: S
     assert slave.state is goal
 
 
-def test_the_table_has_no_row_that_is_not_told_here() -> None:
+def test_table_has_only_the_rows_tested_here() -> None:
     assert set(TRANSITIONS) == set(ROWS)
 
 
@@ -98,7 +98,7 @@ def test_every_state_can_be_reached_and_left() -> None:
 
 @pytest.mark.parametrize('phase', Phase)
 @pytest.mark.parametrize('state', [State.CYCLIC, State.PARTING])
-def test_in_cyclic_operation_nobody_is_obeyed_while_there_are_two_masters(state: State, phase: Phase) -> None:
+def test_commands_of_two_masters_are_ignored_in_cyclic_operation(state: State, phase: Phase) -> None:
     slave = slave_in(state)
     assert slave.announced(phase, THEIRS, 0, moves=False, alone=False) == []
     assert (slave.state, slave.session) == (state, OURS)

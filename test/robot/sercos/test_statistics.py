@@ -1,4 +1,4 @@
-"""Facts about what a master counts of its bus: each figure is that of its name, in its unit."""
+"""Tests of what a master counts of its bus: each figure is that of its name, in its unit."""
 
 import pytest
 
@@ -9,7 +9,7 @@ MS = 1_000_000  # [ns]
 BIN_MS = 0.01  # of a histogram, whose upper edges are told
 
 
-def test_a_cycle_that_is_answered_after_3_ms_and_was_2_ms_late_says_so():
+def test_cycle_answered_after_3_ms_and_2_ms_late_is_reported():
     statistics = BusStatistics(8)
     for cycle in range(100):
         statistics.sent(cycle, 0, 2e-3, cycle * MS)
@@ -38,13 +38,13 @@ def test_each_cycle_is_answered_after_its_own_time_however_many_are_outstanding(
     assert found['outstanding'] == [1, 1, 1, 1, 0]
 
 
-def test_refused_telegrams_are_told():
+def test_rejected_telegrams_are_reported():
     statistics = BusStatistics(8)
     statistics.refused += 3
     assert statistics.summary()['refused_telegrams'] == 3
 
 
-def test_a_schedule_that_slips_twice_tells_both_slips():
+def test_schedule_that_slips_twice_reports_both_slips():
     from delta3_pacdrive.robot.sercos.scheduler import CycleScheduler
 
     scheduler = CycleScheduler(1e-3, 2)

@@ -1,4 +1,4 @@
-"""Facts about telegrams as bytes: many at once read as each by itself."""
+"""Tests of telegrams as bytes: many at once read as each by itself."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def message(codec, telegram, cycle, values):
     'telegram', TELEGRAMS, ids=lambda telegram: f'{telegram.topic} {sum(telegram.lengths)}'
 )
 @given(data=st.data())
-def test_many_messages_are_read_at_once_as_each_by_itself_and_without_a_parser(telegram, data):
+def test_many_messages_are_decoded_together_as_one_by_one(telegram, data):
     codec = TelegramCodec(telegram, refuse)
     count = sum(telegram.lengths)
     rows = data.draw(st.lists(st.lists(NUMBERS, min_size=count, max_size=count), min_size=1, max_size=5))
@@ -80,6 +80,6 @@ def test_a_header_is_read_from_any_message_that_begins_with_one():
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0' + bytes(8) + b'\2\0\0\0\xff\0'])
-def test_what_has_no_header_is_refused(data):
+def test_what_has_no_header_is_rejected(data):
     with pytest.raises(TelegramError, match='no header'):
         read_header(data)

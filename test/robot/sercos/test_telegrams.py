@@ -29,7 +29,7 @@ OURS, OTHERS = b'3fa9', b'3faa'
         b'\xff',
     ],
 )
-def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
+def test_mdt_frames_of_another_form_are_rejected(frame: bytes) -> None:
     with pytest.raises(TelegramError, match=r'is not "CPn wwww wwww wwww ssss ssss ssss ppp\.pppp oo hhhh"'):
         telegrams.parse_mdt_frame(frame, 1, b'3fa9')
 
@@ -38,7 +38,7 @@ def test_mdt_frames_of_another_form_are_refused(frame: bytes) -> None:
     'frame',
     [b'', b'c008 3fa9', b'zzzz 0000 3fa9', b'-008 0000 3fa9', b'ffffffffffffffffffff 0000 3fa9', b'\xff'],
 )
-def test_at_frames_of_another_form_are_refused(frame: bytes) -> None:
+def test_at_frames_of_another_form_are_rejected(frame: bytes) -> None:
     with pytest.raises(TelegramError, match='of an AT is not "wwww ssss hhhh"'):
         telegrams.parse_at_frame(frame, b'3fa9')
 
@@ -52,12 +52,12 @@ def test_at_frames_of_another_form_are_refused(frame: bytes) -> None:
         lambda: telegrams.require_session(OTHERS, OURS),
     ],
 )
-def test_what_belongs_to_another_session_is_refused_by_both_names(parse: Callable[[], object]) -> None:
+def test_what_belongs_to_another_session_is_rejected_by_both_names(parse: Callable[[], object]) -> None:
     with pytest.raises(TelegramError, match="belongs to session '3faa', but this one is 3fa9"):
         parse()
 
 
-def test_sessions_are_drawn_anew_and_never_the_one_of_nobody() -> None:
+def test_sessions_are_drawn_anew_and_never_the_reserved_one() -> None:
     drawn = {telegrams.new_session() for _ in range(200)}
     assert len(drawn) > 150
     assert telegrams.NO_SESSION not in drawn
@@ -89,7 +89,7 @@ def test_frames_read_as_the_documentation_writes_them() -> None:
 
 
 @pytest.mark.parametrize('payload', ['-0.1', f'{1.01 * PAYLOAD_MAX_KG:.4f}', 'nan', 'inf'])
-def test_a_payload_that_nothing_can_grip_is_refused(payload: str) -> None:
+def test_a_payload_that_nothing_can_grip_is_rejected(payload: str) -> None:
     with pytest.raises(TelegramError, match='of a motor current is not'):
         telegrams.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
     with pytest.raises(TelegramError, match='of an MDT is not'):
@@ -97,12 +97,12 @@ def test_a_payload_that_nothing_can_grip_is_refused(payload: str) -> None:
 
 
 @pytest.mark.parametrize('frame', [b'', b'CP4', b'1 zz 3fa9', b'1 -1 3fa9', b'1 001 3fa9', b'\xff'])
-def test_outputs_of_another_form_are_refused(frame: bytes) -> None:
+def test_outputs_of_another_form_are_rejected(frame: bytes) -> None:
     with pytest.raises(TelegramError, match='of an MDT is not'):
         telegrams.parse_outputs(frame, OURS)
 
 
-def test_a_raw_session_of_bytes_that_are_no_text_is_refused() -> None:
+def test_raw_session_that_is_not_text_is_rejected() -> None:
     with pytest.raises(TelegramError, match='belongs to session'):
         telegrams.parse_at_frame(b'c008 0000 \xff\xff\xff\xff', b'3fa9')
     with pytest.raises(TelegramError, match='belongs to session'):

@@ -1,4 +1,4 @@
-"""Facts about the words of bits: what a status word tells of its drive."""
+"""Tests of the words of bits: what a status word tells of its drive."""
 
 import pytest
 
@@ -21,5 +21,5 @@ FOLLOWS, ERROR, WARNING = Status.FOLLOWS_COMMAND, Status.ERROR, Status.WARNING
         (IN_TORQUE, 'STOPPING', None),
     ],
 )
-def test_a_status_word_tells_state_and_brake_as_far_as_it_can(status, state, released):
+def test_status_word_gives_state_and_brake(status, state, released):
     assert (drive_state(int(status)), brake_state(int(status))) == (state, released)

@@ -1,4 +1,4 @@
-"""Facts about what a view knows of the cell around a robot, also if it joins late; no stranger counts."""
+"""Tests of what a view knows of the cell around a robot, also if it joins late; no stranger counts."""
 
 import json
 from typing import Any
@@ -113,9 +113,7 @@ def test_parts_ride_with_what_the_newest_message_counts(graph: Any, plant: Plant
     assert found.parts[0].at_m == pytest.approx((0.25, 0.0, -0.9))
 
 
-def test_inputs_are_told_and_which_of_them_were_set_from_outside(
-    graph: Any, plant: Plant, reader: CellReader
-) -> None:
+def test_inputs_are_reported_with_those_set_by_a_client(graph: Any, plant: Plant, reader: CellReader) -> None:
     plant.scene.publish(scene())
 
     def told(*expected: InputFacts) -> bool:
@@ -133,7 +131,9 @@ def test_inputs_are_told_and_which_of_them_were_set_from_outside(
     )
 
 
-def test_what_strangers_tell_of_a_cell_does_not_count(graph: Any, plant: Plant, reader: CellReader) -> None:
+def test_cell_descriptions_of_other_publishers_are_ignored(
+    graph: Any, plant: Plant, reader: CellReader
+) -> None:
     plant.scene.publish(scene())
     plant.parts.publish(parts(0))
     looked(graph, reader, lambda: numbers(reader) == [0], 'the part')

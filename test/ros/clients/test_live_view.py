@@ -1,4 +1,4 @@
-"""Facts about the page of a robot without either: what is asked of the robot, whatever goes wrong on the way."""
+"""Tests of the page of a robot without either: what is asked of the robot, whatever goes wrong on the way."""
 
 from collections import deque
 from collections.abc import Callable
@@ -228,7 +228,7 @@ def test_a_jog_moves_while_its_button_is_held_and_stops_when_it_is_let_go(cell: 
     assert 2.0 < stopped < 2.0 + RELEASED_S
 
 
-def test_a_button_that_fell_silent_for_a_moment_moves_the_robot_again_once_it_stands(cell: Cell) -> None:
+def test_button_moves_the_robot_again_after_a_short_loss_and_standstill(cell: Cell) -> None:
     cell.brakes_s = 0.7
     cell.hold(0.5, 1.5)
     cell.hold(1.8, 6.0)  # the page was too busy to say that the button is held
@@ -241,7 +241,7 @@ def test_a_button_that_fell_silent_for_a_moment_moves_the_robot_again_once_it_st
     assert cell.state == 'idle'
 
 
-def test_what_a_robot_told_before_its_stop_does_not_let_a_button_move_it_again(cell: Cell) -> None:
+def test_state_from_before_a_stop_does_not_let_a_button_move_the_robot(cell: Cell) -> None:
     cell.brakes_s = 0.7
     cell.takes_s['start'] = [1.0]
     cell.late.add('start')  # it moves for an instant, and nobody hears of that
@@ -255,7 +255,7 @@ def test_what_a_robot_told_before_its_stop_does_not_let_a_button_move_it_again(c
 @pytest.mark.parametrize(
     ('action', 'text'), [('start', ''), ('teach', ' '), ('packaged', 'none'), ('step', 'x')]
 )
-def test_a_refused_wish_of_somebody_else_does_not_let_a_jog_run_on(
+def test_rejected_command_of_another_client_does_not_keep_a_jog_running(
     cell: Cell, action: str, text: str
 ) -> None:
     cell.hold(0.5, 3.0)
@@ -282,7 +282,7 @@ def test_a_button_that_is_pressed_anew_while_its_first_jog_is_sent_sets_one_jog_
 
 
 @pytest.mark.parametrize('end_s', [3.0, 30.0])
-def test_a_jog_whose_start_nobody_answered_is_stopped(cell: Cell, end_s: float) -> None:
+def test_jog_with_an_unanswered_start_is_stopped(cell: Cell, end_s: float) -> None:
     cell.takes_s['start'] = [float('inf')]
     cell.hold(0.5, end_s)
     cell.run(40.0)
@@ -291,7 +291,7 @@ def test_a_jog_whose_start_nobody_answered_is_stopped(cell: Cell, end_s: float) 
     assert cell.state == 'idle'
 
 
-def test_a_stop_that_nobody_answers_is_told_and_asked_for_until_the_robot_stands(cell: Cell) -> None:
+def test_unanswered_stop_is_reported_and_repeated_until_standstill(cell: Cell) -> None:
     cell.takes_s['abort'] = [float('inf')] * 2
     cell.takes_s['deaf'] = [1.0]
     cell.hold(0.5, 2.0)
@@ -302,7 +302,7 @@ def test_a_stop_that_nobody_answers_is_told_and_asked_for_until_the_robot_stands
     assert cell.state == 'idle'
 
 
-def test_a_lost_abort_of_somebody_else_does_not_let_a_jog_run_on(cell: Cell) -> None:
+def test_lost_abort_of_another_client_does_not_keep_a_jog_running(cell: Cell) -> None:
     cell.takes_s['abort'] = [float('inf')]
     cell.takes_s['deaf'] = [1.0]
     cell.hold(0.5, 2.0)
@@ -322,7 +322,7 @@ def test_a_robot_that_cannot_be_reached_is_not_asked_for_ever(cell: Cell) -> Non
     assert len(cell.times('abort')) == 1
 
 
-def test_a_jog_that_somebody_holds_is_given_up_for_nobody_would_stop_it_when_it_is_resumed(
+def test_held_jog_is_cancelled_because_no_client_would_stop_it_on_resume(
     cell: Cell,
 ) -> None:
     cell.hold(0.5, 3.0)
@@ -332,7 +332,7 @@ def test_a_jog_that_somebody_holds_is_given_up_for_nobody_would_stop_it_when_it_
     assert cell.state == 'idle'
 
 
-def test_a_line_that_could_not_be_started_is_not_left_for_whoever_starts_next(cell: Cell) -> None:
+def test_line_that_could_not_start_is_not_left_for_the_next_start(cell: Cell) -> None:
     cell.refuses.add('start')
     cell.hold(0.5, 1.0)
     cell.click(3.0, 'step', '+x 10 50')
@@ -357,7 +357,7 @@ def test_the_end_of_the_page_stops_what_was_about_to_start(cell: Cell, action: s
     assert not cell.in_control
 
 
-def test_many_clicks_on_a_stop_are_one_stop_as_long_as_nobody_has_answered(cell: Cell) -> None:
+def test_repeated_clicks_on_stop_are_one_stop_until_its_reply(cell: Cell) -> None:
     cell.takes_s['emergency_stop'] = [float('inf')]
     for n in range(300):
         cell.click(1.0 + 0.02 * n, 'emergency_stop')
@@ -374,7 +374,7 @@ def test_only_the_newest_override_that_waits_counts(cell: Cell) -> None:
     assert [name for name, _ in cell.asked if name.startswith('override')] == ['override 70']
 
 
-def test_the_slider_goes_back_when_an_override_is_refused(cell: Cell) -> None:
+def test_the_slider_goes_back_when_an_override_is_rejected(cell: Cell) -> None:
     cell.refuses.add('override 150')
     cell.click(0.5, 'override', '90')
     cell.run(1.0)
@@ -385,7 +385,7 @@ def test_the_slider_goes_back_when_an_override_is_refused(cell: Cell) -> None:
     assert cell.slider == 1
 
 
-def test_control_stays_with_whoever_holds_a_button_at_the_edge_of_the_workspace(cell: Cell) -> None:
+def test_control_stays_with_the_holder_of_a_button_at_the_edge_of_the_workspace(cell: Cell) -> None:
     kept = []
     cell.hold(0.5, 4.0)
     cell.at(2.0, lambda: setattr(cell, 'state', 'idle'))
@@ -417,7 +417,7 @@ def test_whatever_a_page_asks_for_does_not_end_the_view(cell: Cell, action: str,
     assert any(refused for _, refused in cell.told)
 
 
-def test_an_input_is_set_without_control_and_a_refusal_is_told(cell: Cell) -> None:
+def test_input_is_set_without_control_and_a_rejection_is_reported(cell: Cell) -> None:
     control = []
     cell.click(0.5, 'input', 'start on')
     cell.at(0.8, lambda: control.append(cell.in_control))
@@ -439,7 +439,7 @@ def test_the_cell_is_drawn_once_when_it_is_known_and_again_when_it_is_another_on
     assert cell.stood == [('belt',), ('belt', 'box')]
 
 
-def test_a_page_that_does_not_hear_its_robot_any_more_joins_anew_and_asks_nothing_before(cell: Cell) -> None:
+def test_page_that_lost_its_robot_rejoins_and_sends_nothing_before(cell: Cell) -> None:
     cell.at(5.0, lambda: setattr(cell, 'silent', True))
     cell.click(24.99, 'start')
     cell.run(OVER_S)
@@ -450,7 +450,7 @@ def test_a_page_that_does_not_hear_its_robot_any_more_joins_anew_and_asks_nothin
     )
 
 
-def test_a_page_that_joins_anew_goes_on_with_what_it_knows_of_the_robot(
+def test_rejoining_page_keeps_its_knowledge_of_the_robot(
     robot: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told, seen, left = robot.replace(motion__tcp_speed_limit_m_s=2.0), [], []

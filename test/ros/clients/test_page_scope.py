@@ -73,7 +73,7 @@ def test_what_is_drawn_are_the_samples_of_the_simulation(graph: Any, page: Watch
     assert page.told[-1] == ('1600 samples of 3 channels at 16000 Hz, from bus time 0.000063 s on', False)
 
 
-def test_a_rolling_one_goes_on_until_it_is_ended_or_nobody_looks(
+def test_rolling_record_continues_until_ended_or_unwatched(
     graph: Any, page: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(page_scope, 'ROLLED_S', 0.0)
@@ -93,7 +93,7 @@ def test_a_rolling_one_goes_on_until_it_is_ended_or_nobody_looks(
     assert page.told[-1] == ('nothing is recorded', False)
 
 
-def test_another_one_is_refused_by_its_name_and_one_of_the_same_page_is_replaced(
+def test_another_one_is_rejected_by_its_name_and_one_of_the_same_page_is_replaced(
     graph: Any, page: Watching
 ) -> None:
     graph.robot()
@@ -113,7 +113,7 @@ def test_another_one_is_refused_by_its_name_and_one_of_the_same_page_is_replaced
     page.until(lambda: len(page.records) == 2, 'a record of a drive that is free again')
 
 
-def test_without_a_robot_and_without_sense_it_says_so(
+def test_missing_robot_and_invalid_input_are_reported(
     page: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page.begin('axis1.sped')

@@ -1,4 +1,4 @@
-"""Facts about what a view knows of a robot, also if it joins late; strangers neither end it nor count."""
+"""Tests of what a view knows of a robot, also if it joins late; strangers neither end it nor count."""
 
 from typing import Any
 
@@ -106,7 +106,7 @@ def progress(**values: Any) -> String:
     return String(data=progress_text(**values))
 
 
-def test_diagnostics_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:
+def test_diagnostics_of_other_publishers_are_ignored(graph: Any, reader: RobotReader) -> None:
     said = graph.listener.create_publisher(DiagnosticArray, '/diagnostics', REPORT)
     told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
     graph.spin_until(lambda: said.get_subscription_count() and told.get_subscription_count(), 'the reader')
@@ -142,7 +142,7 @@ def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) 
     assert (facts.cycle, facts.payload_kg) == (17, parameters.PAYLOAD_MAX_KG)
 
 
-def test_plans_that_are_none_leave_the_path_as_it_was(graph: Any, reader: RobotReader) -> None:
+def test_invalid_plans_leave_the_path_as_it_was(graph: Any, reader: RobotReader) -> None:
     plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN_WRITER)
     told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
     graph.spin_until(lambda: plan.get_subscription_count() and told.get_subscription_count(), 'the reader')
@@ -159,7 +159,7 @@ def test_plans_that_are_none_leave_the_path_as_it_was(graph: Any, reader: RobotR
     assert len(reader.planned.points_m) == 0
 
 
-def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:
+def test_parameters_of_other_publishers_are_ignored(graph: Any, reader: RobotReader) -> None:
     asked = []
 
     def answer(request: Any, response: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Facts about a drive and a plant each by itself: the rest of the robot is played by the test, telegram by telegram."""
+"""Tests of a drive and a plant each by itself: the rest of the robot is played by the test, telegram by telegram."""
 
 from typing import Any
 
@@ -107,7 +107,7 @@ def drive(graph: Any) -> Drive:
     return Drive(graph)
 
 
-def test_a_drive_that_is_not_told_its_axis_is_none(graph: Any) -> None:
+def test_drive_without_an_axis_is_rejected(graph: Any) -> None:
     with pytest.raises(
         ParameterError,
         match=r'^/mc4_drive needs the parameter axis: 1, 2 or 3, or from 4 on for a rotary axis$',
@@ -134,7 +134,7 @@ def test_a_drive_passes_the_payload_of_an_mdt_on_to_the_plant(drive: Drive) -> N
     assert drive.currents[-1].header.frame_id.split()[1] == '000.0125'
 
 
-def test_shafts_of_another_session_are_none_of_a_drives(drive: Drive) -> None:
+def test_shafts_of_another_session_are_ignored_by_a_drive(drive: Drive) -> None:
     drive.go(5, 0x8000)
     refused = drive.node.report.facts()['refused_telegrams']
     drive.shafts(CLOCK.stamp(drive.cycle), [0.01] * 9, OTHERS)
@@ -154,7 +154,7 @@ def test_two_different_mdt_of_a_cycle_stop_a_drive_and_two_equal_ones_do_not(dri
     assert drive.node.report.facts()['diagnostic'].startswith('8506')
 
 
-def test_the_diagnostics_of_a_drive_that_warns_say_so(graph: Any) -> None:
+def test_diagnostics_of_a_warning_drive_have_its_warning(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
     drive = Drive(graph)
     drive.go(ENABLING_CYCLES, ON)
@@ -230,14 +230,14 @@ def test_the_machine_feels_the_payload_that_is_gripped(machine: Machine) -> None
     assert felt == pytest.approx(expected[1] - expected[0], rel=1e-2)
 
 
-def test_a_held_machine_stands_and_a_free_one_falls(machine: Machine) -> None:
+def test_braked_machine_holds_and_released_one_falls(machine: Machine) -> None:
     held = machine.go(FREE_CYCLES)
     assert np.abs(held.velocity).max() == 0.0
     free = machine.go(FREE_CYCLES, free=True)
     assert np.abs(free.velocity).min() > 0.05
 
 
-def test_a_machine_whose_bus_falls_comes_to_rest_in_bus_time(machine: Machine) -> None:
+def test_machine_without_bus_comes_to_rest_in_bus_time(machine: Machine) -> None:
     falling = machine.go(FREE_CYCLES, free=True)
     assert np.abs(falling.velocity).max() > 0.05
     machine.tell(Phase.CP1)

@@ -223,12 +223,12 @@ def test_a_read_only_parameter_keeps_its_type_and_value(
         ({'plant': 'rich'}, 'rich.gear needs a bus.exchange_period_s'),
     ],
 )
-def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Any) -> None:
+def test_a_wrong_parameter_is_rejected_by_name(overrides: dict, expected: str, graph: Any) -> None:
     with pytest.raises(ParameterError, match=expected):
         graph.add(MC4DriveNode, **overrides)
 
 
-def test_strangers_on_the_cyclic_topics_change_nothing(graph: Any) -> None:
+def test_other_publishers_on_the_cyclic_topics_change_nothing(graph: Any) -> None:
     task = graph.robot()
     telegrams = graph.listen(JointState, 'sercos/at/axis1', 50)
     graph.spin_until(
@@ -275,7 +275,7 @@ def test_a_program_begins_with_one_of_its_statements(graph: Any) -> None:
     assert answers[-1].data.startswith(f'accepted: planned "{rest.name}": 3 moves, ')
 
 
-def test_a_program_without_enabled_drives_is_refused_and_can_be_started_later(graph: Any) -> None:
+def test_a_program_without_enabled_drives_is_rejected_and_can_be_started_later(graph: Any) -> None:
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot(motion__start_cycle=-1, motion__enable_cycle=-1)
     graph.add(UnitRobotNode, program='experiment1', motion__start_cycle=-1, motion__enable_cycle=-1)
@@ -286,7 +286,7 @@ def test_a_program_without_enabled_drives_is_refused_and_can_be_started_later(gr
     assert task.progress().fault == ''
 
 
-def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> None:
+def test_a_rejected_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> None:
     program = tmp_path / 'far.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.7, 0, -0.8]}}]')
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)

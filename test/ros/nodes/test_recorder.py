@@ -1,4 +1,4 @@
-"""Facts about the recorder by itself, without a robot: what it lacks, and what it does when the disk is full."""
+"""Tests of the recorder by itself, without a robot: what it lacks, and what it does when the disk is full."""
 
 import ctypes
 import json
@@ -79,7 +79,7 @@ def closed_bag(bag: Path) -> tuple[int, dict[str, Any]]:
         return reader.message_count, json.loads(reader.storage.metadata.custom['delta3_pacdrive'])
 
 
-def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: Any, tmp_path: Path) -> None:
+def test_client_joining_a_running_robot_counts_from_the_first_message(graph: Any, tmp_path: Path) -> None:
     studio = Studio(graph, tmp_path / 'bag')
     studio.phase.publish(Header(frame_id='CP4 3fa9'))
     for cycle in (6_930_170, 6_930_171, 6_930_174):
@@ -169,7 +169,7 @@ def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_fo
     assert topics == {f'/cell2/{topic}' for topic in EVERY_TOPIC}
 
 
-def test_a_recorder_that_joins_anew_goes_on_with_its_bag(
+def test_rejoining_recorder_continues_its_bag(
     graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is latched comes to it once more, and is not recorded twice; what it has not heard is missing."""
@@ -204,13 +204,13 @@ def test_a_recorder_that_joins_anew_goes_on_with_its_bag(
     }  # fmt: skip
 
 
-def test_a_recorder_without_a_folder_is_none(graph: Any, tmp_path: Path, monkeypatch: Any) -> None:
+def test_recorder_without_a_folder_is_rejected(graph: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RunError, match='the recorder needs a folder: parameter bag'):
         graph.add(RecorderNode)
 
 
-def test_a_recorder_is_ready_when_it_has_heard_every_cyclic_topic(graph: Any, tmp_path: Path) -> None:
+def test_recorder_is_ready_after_every_cyclic_topic_was_received(graph: Any, tmp_path: Path) -> None:
     recorder = graph.add(RecorderNode, bag=str(tmp_path / 'bag'), **lists(parameters.load()))
     publishers = {
         topic: graph.listener.create_publisher(kind, topic, CYCLIC_PUBLISHER)
@@ -238,7 +238,7 @@ def test_a_recorder_is_ready_when_it_has_heard_every_cyclic_topic(graph: Any, tm
     graph.spin_until(lambda: late, 'its word to a latecomer', SOON_S)
 
 
-def test_who_was_greeted_misses_what_comes_from_the_start_of_cyclic_operation_on(
+def test_greeted_recorder_counts_missing_messages_from_the_start_of_cyclic_operation(
     graph: Any, tmp_path: Path
 ) -> None:
     studio = Studio(graph, tmp_path / 'bag')
@@ -261,7 +261,7 @@ def test_topics_of_the_exchange_are_counted_by_its_period(graph: Any, tmp_path: 
     assert recorder.completeness()['plant/motor_shafts'] == (4, 1)
 
 
-def test_a_robot_of_which_nothing_is_known_tells_its_own_parameters(graph: Any, tmp_path: Path) -> None:
+def test_unknown_robot_reports_its_own_parameters(graph: Any, tmp_path: Path) -> None:
     """The bag has them on the disk while it is written, and counts by them what came before."""
     robot = parameters.load('model').replace(bus__cycle_time_s=2e-3, bus__exchange_period_s=1e-3)
     recorder = graph.add(
@@ -301,7 +301,7 @@ def test_the_last_words_before_the_end_are_recorded(graph: Any, tmp_path: Path) 
     assert closed_bag(tmp_path / 'bag')[0] == AT_ONCE
 
 
-def test_no_change_of_a_state_is_lost_where_they_come_in_quick_succession(graph: Any, tmp_path: Path) -> None:
+def test_quick_successive_changes_of_state_are_all_published(graph: Any, tmp_path: Path) -> None:
     studio = Studio(graph, tmp_path / 'bag')
     outputs = graph.listener.create_publisher(JointState, 'outputs', LATCHED)
     graph.spin_until(outputs.get_subscription_count, 'recorder')
@@ -315,9 +315,7 @@ def test_no_change_of_a_state_is_lost_where_they_come_in_quick_succession(graph:
         assert offered.depth == 1  # whoever plays the bag tells latecomers the newest state
 
 
-def test_a_plan_that_reaches_the_recorder_late_stands_before_what_was_made_of_it(
-    graph: Any, tmp_path: Path
-) -> None:
+def test_late_plan_precedes_its_results_in_the_bag(graph: Any, tmp_path: Path) -> None:
     planner = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN_WRITER)
     planner.publish(Float64MultiArray(data=[1.0]))
     studio = Studio(graph, tmp_path / 'bag')

@@ -1,4 +1,4 @@
-"""Facts about what is shown in RViz and Foxglove: the robot where it is, only while somebody looks; and /clock."""
+"""Tests of what is shown in RViz and Foxglove: the robot where it is, only while somebody looks; and /clock."""
 
 import json
 from typing import Any
@@ -82,7 +82,7 @@ def shown(shared_graph: Any) -> Shown:
     return Shown(shared_graph)
 
 
-def test_nothing_cyclic_is_read_before_somebody_looks(shown: Shown) -> None:
+def test_cyclic_topics_are_read_for_viewers_only(shown: Shown) -> None:
     assert shown.read_before == set()
     assert shown.read_while == {'joint_states', 'tcp/command', 'tcp/error'}
 
@@ -127,7 +127,7 @@ def test_the_line_of_the_error_begins_at_the_tcp(shown: Shown) -> None:
     assert [command.x, command.y, command.z] == pytest.approx([0.0, 0.15, -0.85], abs=1e-9)
 
 
-def test_what_is_put_down_is_no_longer_shown(shown: Shown) -> None:
+def test_placed_part_is_no_longer_shown(shown: Shown) -> None:
     outputs = shown.graph.listener.create_publisher(JointState, 'outputs', LATCHED)
     shown.graph.spin_until(lambda: outputs.get_subscription_count() > 0, 'a reader of outputs')
     outputs.publish(JointState(name=['payload_kg'], position=[0.0]))
@@ -138,7 +138,7 @@ def test_what_is_put_down_is_no_longer_shown(shown: Shown) -> None:
     shown.graph.listener.destroy_publisher(outputs)
 
 
-def test_a_cell_that_is_told_is_shown_with_its_parts_until_it_is_gone(shown: Shown) -> None:
+def test_published_cell_is_shown_with_its_parts_until_it_is_gone(shown: Shown) -> None:
     listener = shown.graph.listener
     scene, told = SCENE.publisher(listener), PARTS.publisher(listener)
     belt = {'kind': 'belt', 'name': 'line', 'at_m': [0, 0, -0.9], 'angle_rad': 0, 'size_m': [1, 0.3]}
@@ -153,7 +153,7 @@ def test_a_cell_that_is_told_is_shown_with_its_parts_until_it_is_gone(shown: Sho
     shown.graph.spin_until(lambda: shown.newest()['cell/belt', 0].action == Marker.DELETE, 'no belt')
 
 
-def test_the_clock_tells_the_bus_time_of_the_joint_states(shown: Shown) -> None:
+def test_clock_has_the_bus_time_of_the_joint_states(shown: Shown) -> None:
     stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in shown.joints}
     told = [(m.clock.sec, m.clock.nanosec) for m in shown.clocks]
     assert len(told) > 50
@@ -161,7 +161,7 @@ def test_the_clock_tells_the_bus_time_of_the_joint_states(shown: Shown) -> None:
     assert len(stamps.intersection(told)) > 0.9 * len(told)  # the listener itself may miss a few
 
 
-def test_the_clock_is_silent_while_somebody_else_tells_the_time(shown: Shown) -> None:
+def test_clock_is_silent_while_another_publishes_the_time(shown: Shown) -> None:
     other = shown.graph.add(
         Node, 'zeitgeber'
     )  # behind the visualization in the alphabet, by which robots agree
@@ -204,7 +204,7 @@ def test_strange_joint_states_and_plans_are_not_shown(shown: Shown) -> None:
     shown.graph.listener.destroy_publisher(place)
 
 
-def test_it_stops_reading_when_nobody_looks_any_more(shown: Shown) -> None:
+def test_reading_stops_without_viewers(shown: Shown) -> None:
     listener = shown.graph.listener
     for subscription in list(listener.subscriptions):
         if subscription.topic_name in ('/markers', '/clock'):

@@ -1,4 +1,4 @@
-"""Facts about the nodes by themselves: greetings, diagnostics, faults, and the parts that they are made of."""
+"""Tests of the nodes by themselves: greetings, diagnostics, faults, and the parts that they are made of."""
 
 import json
 import sys
@@ -41,7 +41,7 @@ ON_REQUEST = {'motion__start_cycle': -1}
 SOON_S = 1.0  # for nodes that have nothing else to do
 
 
-def test_who_was_there_before_the_robot_is_greeted_on_every_cyclic_topic(graph: Any) -> None:
+def test_early_subscriber_is_greeted_on_every_cyclic_topic(graph: Any) -> None:
     cyclic = [
         topic for topic in interfaces.TOPICS if topic.rate == interfaces.CYCLE and topic.writers == (TASK,)
     ]
@@ -55,7 +55,7 @@ def test_who_was_there_before_the_robot_is_greeted_on_every_cyclic_topic(graph: 
     assert {message.header.stamp.sec for found in heard.values() for message in found} == {-1}
 
 
-def test_a_fault_is_refused_where_it_cannot_be_and_told_with_the_cycle_of_its_stop(graph: Any) -> None:
+def test_fault_is_rejected_where_impossible_and_reported_with_the_cycle_of_its_stop(graph: Any) -> None:
     reports = graph.listen(String, 'motion/progress', REPORT)
     graph.robot(('plant', '1', '2', '3'))
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
@@ -83,7 +83,7 @@ def test_a_fault_is_refused_where_it_cannot_be_and_told_with_the_cycle_of_its_st
     assert fault['cycles'] > fault['fault_cycle']
 
 
-def test_diagnostics_tell_level_sentence_and_drive(graph: Any) -> None:
+def test_diagnostics_have_level_sentence_and_drive(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
 
     def newest(name: str) -> Any:
@@ -194,7 +194,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     assert len(taken) == BURST
 
 
-def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(graph: Any) -> None:
+def test_scheduled_fault_hits_its_target_once_in_its_session(graph: Any) -> None:
     node = graph.add(RobotNode, 'drive')
     faults = Faults(node, 'axis2', lambda: 500, lambda: SESSION)
     publisher = interfaces.FAULT_SCHEDULE.publisher(graph.listener)
@@ -221,7 +221,7 @@ def test_a_fault_of_the_schedule_befalls_whom_it_is_for_once_and_in_its_session(
 SAID = interfaces.Topic('said', String, interfaces.REPORT, (), (), 'a word', 'now and then')
 
 
-def test_an_output_is_wanted_as_long_as_somebody_listens(graph: Any) -> None:
+def test_output_is_published_while_it_has_subscribers(graph: Any) -> None:
     node = graph.add(Node, 'speaker')
     output = Output(node, SAID)
     assert not output.wanted
@@ -243,7 +243,7 @@ def test_the_first_answer_of_a_service_counts(graph: Any) -> None:
     assert (response.success, response.message) == (True, 'yes')
 
 
-def test_a_message_that_is_too_large_is_refused_unread(graph: Any) -> None:
+def test_a_message_that_is_too_large_is_rejected_unread(graph: Any) -> None:
     node = graph.add(RobotNode, 'reader')
     read: list[int] = []
     refused: list[str] = []

@@ -1,4 +1,4 @@
-"""Facts about the action ``follow_joint_trajectory``: what a goal may hold, and a client that drives the arms with it.
+"""Tests of the action ``follow_joint_trajectory``: what a goal may hold, and a client that drives the arms with it.
 
 The client and the action have the real type of ``control_msgs``. Where that is not installed it is built, from its
 fields, with the generators of the ROS wheels.
@@ -95,7 +95,7 @@ LINE = message((1.0, still(0.1)))
         ),
     ],
 )  # fmt: skip
-def test_a_goal_that_is_none_of_this_robot_is_refused_with_what_is_wrong(bad: Any, reason: str) -> None:
+def test_invalid_goal_is_rejected_with_its_error(bad: Any, reason: str) -> None:
     with pytest.raises(ProgramError) as caught:
         trajectory_request(bad, OURS)
     assert reason in str(caught.value)
@@ -216,7 +216,7 @@ def driver(control_msgs: Any, graph: Any) -> Iterator[Driver]:
 SUCCEEDED = (GoalStatus.STATUS_SUCCEEDED, 0, 'the arms have reached the goal')
 
 
-def test_a_client_drives_the_arms_is_told_how_far_they_are_and_that_they_have_come(driver: Driver) -> None:
+def test_client_drives_the_arms_and_receives_progress_and_result(driver: Driver) -> None:
     cell = driver.cell
     end = {**still([0.2, 0.1, 0.15]), 'accelerations': [0.0, 0.0, 0.0]}
     every = dict.fromkeys(AXES, 1e-3)
@@ -253,7 +253,7 @@ def test_an_invalid_goal_is_rejected_and_its_reason_published(driver: Driver) ->
     assert driver.drive(message((0.8, still(0.1)))) == SUCCEEDED
 
 
-def test_a_second_goal_is_refused_and_the_first_one_stops_on_its_path_when_it_is_cancelled(
+def test_a_second_goal_is_rejected_and_the_first_one_stops_on_its_path_when_it_is_cancelled(
     driver: Driver,
 ) -> None:
     cell = driver.cell
@@ -269,7 +269,7 @@ def test_a_second_goal_is_refused_and_the_first_one_stops_on_its_path_when_it_is
     assert driver.drive(message((1.0, still(0.1)))) == SUCCEEDED
 
 
-def test_who_has_no_control_drives_nothing_and_cancels_nothing(driver: Driver) -> None:
+def test_client_without_control_neither_moves_nor_cancels(driver: Driver) -> None:
     cell = driver.cell
     first = driver.send(message((20.0, still(0.3))))
     cell.wait_for('moving')

@@ -1,4 +1,4 @@
-"""Facts about planning beside the thread that answers: jobs in their order, progress, and jobs that are given up."""
+"""Tests of planning beside the thread that answers: jobs in their order, progress, and jobs that are given up."""
 
 import time
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ def test_jobs_are_done_in_their_order(thread: PlanningThread) -> None:
     assert not thread.busy
 
 
-def test_a_job_behind_one_that_was_given_up_is_still_to_come_when_that_one_says_so(
+def test_job_after_a_cancelled_one_is_pending_when_the_cancellation_is_reported(
     thread: PlanningThread,
 ) -> None:
     thread.begin(job(1, many(2000)))
@@ -79,7 +79,7 @@ def test_a_job_behind_one_that_was_given_up_is_still_to_come_when_that_one_says_
     assert not thread.busy
 
 
-def test_progress_tells_how_far_a_job_is_and_nothing_without_one(thread: PlanningThread) -> None:
+def test_progress_reports_the_share_of_a_job_and_nothing_without_one(thread: PlanningThread) -> None:
     assert thread.progress() == ''
     thread.begin(job(1, many(50)))
     seen = set()

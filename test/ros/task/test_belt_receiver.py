@@ -1,4 +1,4 @@
-"""Facts about the master's end of ``sercos/at/belts``: what is no telegram of its session is refused by name."""
+"""Tests of the master's end of ``sercos/at/belts``: what is no telegram of its session is refused by name."""
 
 import math
 from types import SimpleNamespace
@@ -58,7 +58,7 @@ def message(reading=READING, stamp=(1, 5_000_000), frame=SESSION, **changed):
 
 
 @pytest.mark.parametrize('reading', [READING, BeltReading(-5, (), (), 0), BeltReading(7, (3,))])
-def test_readings_come_over_the_wire_as_they_are(reading):
+def test_readings_are_transferred_unchanged(reading):
     receiver = Receiver()
     receiver.hear(message(reading))
     assert receiver.taken == [(1005, [reading])]
@@ -94,7 +94,7 @@ def without_parts(**changed):
         (message().replace(b'a1b2', b'\xff\xfe\xfd\xfc'), 'belts: '),
     ],
 )
-def test_what_is_no_telegram_of_belts_is_refused_by_name(data, sentence):
+def test_invalid_belt_telegram_is_rejected_by_name(data, sentence):
     receiver = Receiver()
     receiver.hear(data)
     assert receiver.taken == []

@@ -1,4 +1,4 @@
-"""Facts about what the task tells of a cycle where the arms cannot be: joint states that every tool can read."""
+"""Tests of what the task tells of a cycle where the arms cannot be: joint states that every tool can read."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -58,9 +58,7 @@ def test_arms_that_close_a_chain_have_those_of_the_chain(graph: Any) -> None:
 
 
 @pytest.mark.parametrize('asked', [False, True])
-def test_joint_motion_is_told_of_the_cycle_before_and_only_if_it_is_asked_for(
-    asked: bool, graph: Any
-) -> None:
+def test_joint_motion_is_published_for_the_previous_cycle_on_request(asked: bool, graph: Any) -> None:
     heard = {
         topic.name: graph.listen(topic.type, topic.name, CYCLIC_PUBLISHER)
         for topic in (JOINT_MOTION, JACOBIAN)

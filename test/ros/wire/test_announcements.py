@@ -1,4 +1,4 @@
-"""Facts about what participants announce of themselves: what is read, and what is refused."""
+"""Tests of what participants announce of themselves: what is read, and what is refused."""
 
 import json
 
@@ -31,6 +31,6 @@ def test_the_names_of_inputs_are_read() -> None:
 @pytest.mark.parametrize(
     'names', [['\ud800'], [''], ['part', 'part'], ['a\nb'], ['x' * 101], [str(n) for n in range(17)], [1], {}]
 )
-def test_names_of_inputs_that_nobody_can_write_or_tell_apart_are_refused(names: object) -> None:
+def test_unusable_and_ambiguous_input_names_are_rejected(names: object) -> None:
     with pytest.raises(TelegramError, match="'plant' announces invalid inputs"):
         read_announcement(announcement(json.dumps(names)))

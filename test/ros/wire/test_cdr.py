@@ -76,7 +76,7 @@ def test_ordinary_message_reads_as_a_telegram(case: tuple) -> None:
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
-def test_numbers_that_are_not_finite_are_refused(bad: float, case: tuple) -> None:
+def test_numbers_that_are_not_finite_are_rejected(bad: float, case: tuple) -> None:
     codec, frame, counts, _ = case
     for position in range(sum(counts)):
         values = _values(counts)
@@ -85,7 +85,7 @@ def test_numbers_that_are_not_finite_are_refused(bad: float, case: tuple) -> Non
             codec.decode(codec.encode((0, 0), frame, values))
 
 
-def test_other_names_and_lengths_are_refused(case: tuple) -> None:
+def test_other_names_and_lengths_are_rejected(case: tuple) -> None:
     codec, frame, counts, names = case
     message = _message(frame, counts, names)
     message.name = [name.replace('axis', 'exis') for name in names]
@@ -97,7 +97,7 @@ def test_other_names_and_lengths_are_refused(case: tuple) -> None:
         codec.decode(serialize_message(message))
 
 
-def test_every_single_changed_byte_is_read_alike_or_refused(case: tuple) -> None:
+def test_every_single_changed_byte_is_read_alike_or_rejected(case: tuple) -> None:
     """No corruption makes the fast path read other values than the ordinary parser."""
     codec, frame, counts, _ = case
     data = codec.encode((12, 345_000_000), frame, _values(counts))
@@ -113,7 +113,7 @@ def test_every_single_changed_byte_is_read_alike_or_refused(case: tuple) -> None
 
 
 @pytest.mark.parametrize('length', [0, 3, 4, 11, 40])
-def test_cut_off_telegrams_are_refused(length: int) -> None:
+def test_cut_off_telegrams_are_rejected(length: int) -> None:
     codec, frame, counts, _ = CODECS['at']
     with pytest.raises(TelegramError):
         codec.decode(codec.encode((0, 0), frame, _values(counts))[:length])
@@ -133,20 +133,20 @@ def test_stamped_triples_are_ordinary_messages(message_type: type) -> None:
 OURS = b'3fa9'
 
 
-def test_a_phase_says_from_when_on_it_holds() -> None:
+def test_phase_has_the_bus_time_of_its_beginning() -> None:
     message = cdr.phase_message(Phase.CP4, OURS, (12, 345_000_000))
     assert message.frame_id == 'CP4 3fa9'
     assert cdr.parse_phase(message) == (Phase.CP4, OURS, (12, 345_000_000))
 
 
 @pytest.mark.parametrize('text', ['', 'CP4', 'CP5 3fa9', 'CP4 3fa9 x', 'CP4 \xe9'])
-def test_phases_of_another_form_are_refused(text: str) -> None:
+def test_phases_of_another_form_are_rejected(text: str) -> None:
     with pytest.raises(TelegramError, match='is not "CPn hhhh"'):
         cdr.parse_phase(Header(frame_id=text))
 
 
 @pytest.mark.parametrize('number', [1.01 * IMPOSSIBLE, -1.01 * IMPOSSIBLE])
-def test_a_number_that_no_machine_has_is_refused_in_every_place(number: float, case: tuple) -> None:
+def test_a_number_that_no_machine_has_is_rejected_in_every_place(number: float, case: tuple) -> None:
     codec, frame, counts, _ = case
     for position in range(sum(counts)):
         values = [0.0] * sum(counts)
@@ -155,7 +155,7 @@ def test_a_number_that_no_machine_has_is_refused_in_every_place(number: float, c
             codec.decode(codec.encode((0, 0), frame, values))
 
 
-def test_a_row_of_numbers_reads_back_with_its_label_and_says_how_long_it_is() -> None:
+def test_row_of_numbers_is_restored_with_label_and_length() -> None:
     message = numbers([1.5, -2.0, math.pi], 'LINE of 3fa9')
     (dimension,) = message.layout.dim
     assert (dimension.label, dimension.size, dimension.stride) == ('LINE of 3fa9', 3, 3)

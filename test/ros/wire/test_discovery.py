@@ -46,7 +46,7 @@ def test_logs_go_elsewhere_if_the_folder_at_home_is_read_only(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize('home', [{}, {'HOME': ''}, {'HOME': '/proc'}, {'ROS_HOME': '/proc/1'}])
-def test_a_node_starts_where_nobody_has_a_home(home, tmp_path):
+def test_node_starts_without_a_home_folder(home, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in PLACES}
     environment |= home | {'TMPDIR': str(tmp_path)}
     command = [sys.executable, '-P', '-c', JOIN]
@@ -161,14 +161,14 @@ def test_peers_are_looked_for_and_listened_to_where_they_are_reached_and_nowhere
         ('x' * 300, 'which has no IPv4 address'),
     ],
 )
-def test_a_peer_that_is_none_is_refused_in_one_sentence(peers, sentence, alone, monkeypatch):
+def test_invalid_peer_is_rejected_in_one_sentence(peers, sentence, alone, monkeypatch):
     monkeypatch.setenv(discovery.PEERS, peers)
     with pytest.raises(RunError, match=re.escape(sentence)) as refused:
         discovery.keep_to_this_machine()
     assert len(str(refused.value)) < 300
 
 
-def test_a_way_to_this_machine_begins_here():
+def test_route_to_this_machine_begins_here():
     assert discovery.way_to('127.0.0.1') == '127.0.0.1'
 
 
@@ -217,7 +217,7 @@ def test_a_range_that_no_robot_can_have_is_rejected(reach, alone, monkeypatch):
 
 
 @pytest.mark.parametrize('name', [discovery.PROFILE, discovery.LATER_PROFILE])
-def test_a_profile_of_ones_own_alone_says_where_the_robot_listens(name, alone, monkeypatch):
+def test_separate_profile_names_the_addresses_of_the_robot(name, alone, monkeypatch):
     own = alone / 'own.xml'
     monkeypatch.setenv(name, str(own))
     with pytest.raises(
@@ -232,13 +232,13 @@ def test_a_profile_of_ones_own_alone_says_where_the_robot_listens(name, alone, m
 
 
 @pytest.mark.parametrize('reach', ['SUBNET', 'SYSTEM_DEFAULT'])
-def test_a_robot_that_others_can_reach_says_why(reach, alone, monkeypatch):
+def test_robot_reachable_from_other_hosts_gives_the_reason(reach, alone, monkeypatch):
     monkeypatch.setenv(discovery.RANGE, reach)
     discovery.keep_to_this_machine()
     assert discovery.exposure() == f'other machines may reach this robot: {discovery.RANGE} is {reach}'
 
 
-def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkeypatch):
+def test_middleware_with_own_localhost_mode_is_configured(alone, monkeypatch):
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_cyclonedds_cpp')
     discovery.keep_to_this_machine()
     assert os.environ[discovery.RANGE] == 'LOCALHOST'
@@ -248,7 +248,7 @@ def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkey
     assert discovery.exposure()
 
 
-def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone, monkeypatch):
+def test_unverified_plan_is_rejected_unless_it_may_exceed_limits(alone, monkeypatch):
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_zenoh_cpp')
     with pytest.raises(RunError, match="RMW_IMPLEMENTATION is 'rmw_zenoh_cpp', which is not known"):
         discovery.keep_to_this_machine()
@@ -257,7 +257,7 @@ def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone
     assert discovery.exposure()
 
 
-def test_a_node_says_in_one_sentence_that_its_peer_is_none(tmp_path):
+def test_invalid_peer_is_reported_in_one_sentence(tmp_path):
     environment = {
         key: value for key, value in os.environ.items() if key not in (discovery.PROFILE, discovery.RANGE)
     }

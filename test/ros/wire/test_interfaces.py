@@ -150,7 +150,7 @@ def test_every_topic_that_a_node_writes_is_in_the_table_with_its_type_and_qos(ro
     }
 
 
-def test_writers_queue_as_many_messages_as_the_table_says(robot: Any) -> None:
+def test_writers_queue_the_number_of_messages_of_the_table(robot: Any) -> None:
     looked = 0
     for node in robot.nodes:
         for publisher in node.publishers:
@@ -180,7 +180,7 @@ def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(rob
     }
 
 
-def test_the_recorder_reads_what_the_table_says_and_nothing_else(robot: Any) -> None:
+def test_recorder_reads_the_topics_of_the_table_only(robot: Any) -> None:
     found = {name for node, name, _ in endpoints(robot, 'subscriptions') if node == 'recorder'}
     assert found == {name for topic in RECORDED for name in topic.names_of(AXES)}
 
@@ -235,7 +235,7 @@ def test_a_name_with_axis_n_stands_for_one_topic_per_axis() -> None:
     assert topic.of('axis2') == 'sercos/at/axis2'
 
 
-def test_only_a_robot_with_a_rotary_axis_tells_of_its_turn() -> None:
+def test_only_a_robot_with_a_rotary_axis_reports_a_tool_angle() -> None:
     of_rotary_axes = [topic for topic in TOPICS if not topic.names_of(DRIVES)]
     assert [topic.names_of(ALL_DRIVES) for topic in of_rotary_axes] == [('tool/turn',), ('tool/turn_2',)]
     assert [topic.names_of(ALL_DRIVES[:4]) for topic in of_rotary_axes] == [('tool/turn',), ()]
@@ -254,7 +254,7 @@ def test_no_reader_asks_for_what_the_writer_does_not_offer() -> None:
             assert not latched or offered.durability == DurabilityPolicy.TRANSIENT_LOCAL, topic.name
 
 
-def test_latecomers_hear_states_and_never_an_order() -> None:
+def test_late_subscribers_receive_states_and_never_a_command() -> None:
     latched = {
         topic.name
         for topic in TOPICS
@@ -271,7 +271,7 @@ def test_latecomers_hear_states_and_never_an_order() -> None:
     )
 
 
-def test_a_recorder_may_lag_by_seconds_of_what_comes_in_every_cycle() -> None:
+def test_recorder_may_lag_by_seconds_of_cyclic_messages() -> None:
     for topic in RECORDED:
         if topic.cyclic:
             assert topic.delivery.recorder.depth >= 1000, topic.name

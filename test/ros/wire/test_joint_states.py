@@ -1,4 +1,4 @@
-"""Facts about the reader of joint states: robots with a rotary axis and without one, and joints of others."""
+"""Tests of the reader of joint states: robots with a rotary axis and without one, and joints of others."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ NUMBERS = {drives: np.arange(3.0 * (len(JOINTS) + len(drives) - 3)).tolist() for
 
 
 @pytest.mark.parametrize('turns', [*((one, one) for one in LAYOUTS), (*LAYOUTS, *LAYOUTS)])
-def test_arms_are_read_whether_a_tool_comes_behind_them_or_not(turns: tuple[tuple[str, ...], ...]) -> None:
+def test_arms_are_read_with_and_without_a_tool_after_them(turns: tuple[tuple[str, ...], ...]) -> None:
     reader = JointStatesReader()
     for drives in turns:
         values = NUMBERS[drives]
@@ -28,7 +28,7 @@ def test_arms_are_read_whether_a_tool_comes_behind_them_or_not(turns: tuple[tupl
         assert told.torques == (2.0 * count, 2.0 * count + 1.0, 2.0 * count + 2.0)
 
 
-def test_joints_of_somebody_else_are_refused_and_change_nothing() -> None:
+def test_joints_of_another_robot_are_rejected_and_change_nothing() -> None:
     reader = JointStatesReader()
     for message in (JointState(name=['wheel'], position=[1.0]), JointState(name=list(JOINTS))):
         with pytest.raises(TelegramError):

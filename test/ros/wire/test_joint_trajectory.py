@@ -1,4 +1,4 @@
-"""Facts about ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
+"""Tests of ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from trajectories import HALF_INCREMENT, HOME, Cell, message, still
 # messages
 
 
-def test_joints_may_come_in_any_order() -> None:
+def test_joints_may_be_in_any_order() -> None:
     fields = {
         'positions': [0.3, 0.1, 0.2],
         'velocities': [3.0, 1.0, 2.0],
@@ -59,9 +59,7 @@ def test_a_stamp_is_bus_time() -> None:
         (message((1.0, still(0.0)), stamp=Time(sec=-1)), 'header.stamp is -1 s'),
     ],
 )  # fmt: skip
-def test_a_message_that_is_none_of_this_robot_is_refused_with_what_is_wrong(
-    bad: JointTrajectory, reason: str
-) -> None:
+def test_invalid_message_is_rejected_with_its_error(bad: JointTrajectory, reason: str) -> None:
     with pytest.raises(ProgramError) as caught:
         joint_trajectory(bad)
     assert reason in str(caught.value)
@@ -89,7 +87,7 @@ def test_a_publisher_drives_the_arms_through_points(cell: Cell) -> None:
     assert cell.missed(0.0) <= 1.01 * 2.0 * HALF_INCREMENT
 
 
-def test_a_refused_trajectory_is_answered_and_the_next_one_driven(cell: Cell) -> None:
+def test_a_rejected_trajectory_is_answered_and_the_next_one_driven(cell: Cell) -> None:
     reports = cell.graph.listen(String, 'unit_robot/requests', REQUEST)
     answer = cell.send(message((1.0, still(2.0))))
     assert 'refused: ' in answer
@@ -127,7 +125,7 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     assert cell.missed(0.2) > HALF_INCREMENT
 
 
-def test_a_trajectory_beyond_its_path_tolerance_is_stopped_and_says_why(graph: Any) -> None:
+def test_trajectory_beyond_its_path_tolerance_is_stopped_with_the_reason(graph: Any) -> None:
     cell = Cell(graph, constraints__axis2__trajectory=1e-7)
     cell.send(message((2.0, still(0.3))))
     graph.spin_until(lambda: 'path tolerance violated: axis2 is ' in cell.answers[-1].data, 'the violation')
@@ -136,7 +134,7 @@ def test_a_trajectory_beyond_its_path_tolerance_is_stopped_and_says_why(graph: A
     assert cell.missed(0.3) > HALF_INCREMENT
 
 
-def test_a_trajectory_within_its_tolerances_comes_to_its_goal(graph: Any) -> None:
+def test_trajectory_within_its_tolerances_reaches_its_goal(graph: Any) -> None:
     every = {
         f'constraints__axis{axis}__{what}': 1e-3 for axis in (1, 2, 3) for what in ('trajectory', 'goal')
     }

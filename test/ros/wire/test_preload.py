@@ -1,4 +1,4 @@
-"""Facts about what is loaded before nodes are forked: afterwards neither a node nor a line that it logs loads more."""
+"""Tests of what is loaded before nodes are forked: afterwards neither a node nor a line that it logs loads more."""
 
 import json
 

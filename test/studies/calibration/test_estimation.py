@@ -1,4 +1,4 @@
-"""Facts about what measurements of the TCP tell about the arms, and about those that tell nothing."""
+"""Tests of what measurements of the TCP tell about the arms, and about those that tell nothing."""
 
 import dataclasses
 import re
@@ -43,7 +43,7 @@ def with_row(measured, field, row, value):
     return dataclasses.replace(measured, **{field: values})
 
 
-def test_exact_points_tell_all_arms(poses, robot):
+def test_exact_points_identify_all_arms(poses, robot):
     found = estimated(instrument(poses, robot, noise_m=0.0), robot, 0.0)
     assert found.directions == 15
     assert off_m(ZERO, robot) > 2e-4
@@ -88,7 +88,7 @@ def test_corrections_are_written_in_the_units_of_the_parameters(robot):
     assert model.corrections_of(changed.kinematics) == pytest.approx(TRUTH, abs=1e-9)
 
 
-def test_an_instrument_that_stands_anywhere_tells_everything_but_a_common_turn(poses, robot):
+def test_instrument_at_any_position_identifies_everything_but_a_common_rotation(poses, robot):
     measured = instrument(poses, robot, noise_m=0.0)
     seen = Rotation.from_rotvec([0.3, -0.5, 1.0]).apply(measured.points_m) + np.array([1.0, -2.0, 0.5])
     found = estimation.estimate(
@@ -102,7 +102,7 @@ def test_an_instrument_that_stands_anywhere_tells_everything_but_a_common_turn(p
 
 
 @pytest.mark.parametrize('method', some(['plane', 'ball'], ['plane']))
-def test_touches_of_what_stands_anywhere_tell_the_shape_of_the_error(method, robot):
+def test_touches_of_a_freely_placed_object_identify_the_shape_of_the_error(method, robot):
     poses = planned(robot, method, 60)
     observation = model.Touches(probe(poses, robot, noise_m=5e-6), robot)
     found = estimation.estimate(observation, 5e-6, is_placed=False)
@@ -116,7 +116,7 @@ def test_touches_of_what_stands_anywhere_tell_the_shape_of_the_error(method, rob
 # zero angles
 
 
-def test_three_touches_tell_the_homing_error_of_each_arm(touches, robot):
+def test_three_touches_identify_the_homing_error_of_each_arm(touches, robot):
     homing = np.concatenate([np.zeros(12), np.radians([0.5, -0.8, 1.2])])
     observation = model.Touches(probe(touches, robot, homing), robot, height_m=-0.9)
     found = estimation.estimate(observation, NOISE_M, model.ZEROS)
@@ -137,7 +137,7 @@ def test_three_touches_of_one_arm_can_contradict_one_another(touches, robot):
         estimation.estimate(model.Touches(measured, robot, height_m=-0.9), NOISE_M, (model.ZEROS[0],))
 
 
-def test_lengths_that_nobody_has_calibrated_are_in_the_intervals_of_zero_angles(touches, robot):
+def test_uncalibrated_lengths_are_in_the_intervals_of_zero_angles(touches, robot):
     measured = probe(touches, robot, noise_m=0.0)
     found = estimation.estimate(model.Touches(measured, robot, height_m=-0.9), NOISE_M, model.ZEROS)
     for one, truth in zip(found.estimates, TRUTH[12:], strict=True):
@@ -163,13 +163,13 @@ def test_a_measurement_that_the_others_contradict_is_named(off_mm, poses, robot)
     assert float(named[1]) == pytest.approx(off_mm, abs=0.15)
 
 
-def test_noise_that_was_told_too_small_is_a_contradiction_and_larger_is_none(poses, robot):
+def test_underestimated_noise_is_a_contradiction_and_overestimated_is_not(poses, robot):
     measured = instrument(poses, robot, noise_m=2e-4)
     assert '--noise' in refusal(measured, robot)
     assert estimated(measured, robot, 2e-4).scatter == pytest.approx(1.0, abs=0.3)
 
 
-def test_too_few_measurements_are_told_apart_from_enough(poses, robot):
+def test_insufficient_measurements_are_distinguished_from_sufficient_ones(poses, robot):
     measured = instrument(poses, robot)
     few = dataclasses.replace(measured, checks=np.arange(len(measured.checks)) >= 4)
     assert refusal(few, robot) == (
@@ -178,7 +178,7 @@ def test_too_few_measurements_are_told_apart_from_enough(poses, robot):
     )
 
 
-def test_poses_in_a_corner_tell_too_little(robot):
+def test_poses_in_a_corner_identify_too_little(robot):
     poses = planned(robot)
     near = dataclasses.replace(poses, points_m=np.array([0.1, 0.1, -0.8]) + 0.005 * poses.points_m)
     sentence = refusal(instrument(near, robot), robot)
@@ -189,7 +189,7 @@ def test_poses_in_a_corner_tell_too_little(robot):
 @pytest.mark.parametrize(
     'moved', [lambda p: 1e3 * p, lambda p: p + np.array([0.0, 0.0, 0.3]), lambda p: p[:, ::-1]]
 )
-def test_points_of_another_frame_or_unit_are_those_of_somebody_else(poses, robot, moved):
+def test_points_of_another_frame_or_unit_are_rejected(poses, robot, moved):
     measured = instrument(poses, robot)
     sentence = refusal(dataclasses.replace(measured, points_m=moved(measured.points_m)), robot)
     assert re.match(r'measurement \d+ is [\d.]+ mm from the TCP computed from the arm angles', sentence)
@@ -203,7 +203,7 @@ def test_angles_at_which_the_forearms_do_not_meet_are_named(poses, robot):
     assert 'the forearms do not meet at arm angles' in refusal(wrong, short)
 
 
-def test_points_on_a_line_do_not_tell_how_the_instrument_is_turned(poses, robot):
+def test_points_on_a_line_do_not_identify_the_rotation_of_the_instrument(poses, robot):
     line = dataclasses.replace(
         poses, points_m=poses.points_m * np.array([1.0, 1e-4, 1e-4]) + [0.0, 0.1, -0.8]
     )
@@ -214,7 +214,7 @@ def test_points_on_a_line_do_not_tell_how_the_instrument_is_turned(poses, robot)
     assert refusal(one, robot, model.PointsInFrame, is_placed=False) == told
 
 
-def test_touches_that_only_tell_where_something_is_are_refused(robot):
+def test_touches_that_only_locate_an_object_are_rejected(robot):
     poses = planned(robot, 'plane', 60)
     measured = probe(poses, robot)
     line = dataclasses.replace(poses, points_m=poses.points_m * [1.0, 1e-3, 1.0] + [0.0, 0.1, 0.0])

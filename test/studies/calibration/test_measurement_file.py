@@ -1,4 +1,4 @@
-"""Facts about tables of measurements: what is read, and what is refused, with which words."""
+"""Tests of tables of measurements: what is read, and what is refused, with which words."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def read(tmp_path, *lines, content=None):
     return measurement_file.read(path)
 
 
-def test_a_table_tells_angles_and_points_in_its_units(tmp_path):
+def test_table_has_angles_and_points_in_its_units(tmp_path):
     found = read(tmp_path, HEADER, ROW, '', '11,21,31,1,2,-801')
     assert found.angles_rad[0] == pytest.approx(np.radians([10.0, 20.0, 30.0]))
     assert found.points_m == pytest.approx(np.array([[0.0015, -0.0025, -0.8], [0.001, 0.002, -0.801]]))
@@ -30,7 +30,7 @@ def test_a_table_tells_angles_and_points_in_its_units(tmp_path):
     assert other.angles_rad[0] == pytest.approx([0.1, 0.2, 0.3])
 
 
-def test_touches_tell_what_was_touched(tmp_path):
+def test_touches_name_the_touched_object(tmp_path):
     found = read(tmp_path, TOUCH, '10,20,30,plate,', '10,21,30,ball,50', '10,22,30,ball,50')
     assert found.objects == ('plate', 'ball', 'ball')
     assert np.isnan(found.diameters_m[0])
@@ -90,7 +90,7 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
         ([TOUCH, '10,20,30,ball,-50'], 'measurement 1 of .*: the diameter of ball must be positive'),
     ],
 )
-def test_a_table_that_is_none_is_refused_in_one_sentence(lines, sentence, tmp_path):
+def test_invalid_table_is_rejected_in_one_sentence(lines, sentence, tmp_path):
     with pytest.raises(CalibrationError, match=sentence):
         read(tmp_path, *lines)
 
@@ -137,7 +137,7 @@ def _with_columns(folder, *lines, units=('deg', 'mm'), factors=''):
     return measurement_file.read(path, columns)
 
 
-def test_a_column_file_that_names_something_else_is_refused(tmp_path):
+def test_a_column_file_that_names_something_else_is_rejected(tmp_path):
     (tmp_path / 'columns.yaml').write_text('columns: [{column: t, signal: current, axis: 1, unit: A}]')
     (tmp_path / 'theirs.csv').write_text('t\n1\n')
     with pytest.raises(
@@ -149,7 +149,7 @@ def test_a_column_file_that_names_something_else_is_refused(tmp_path):
         measurement_file.read(tmp_path / 'theirs.csv', tmp_path / 'columns.yaml')
 
 
-def test_files_of_somebody_else_are_refused(tmp_path):
+def test_files_of_other_users_are_rejected(tmp_path):
     for content in (b'\x89PNG\r\n\x1a\n\x00\x00', b'\xff\xfe\x00', b'"' + 300_000 * b'x'):
         with pytest.raises(CalibrationError):
             read(tmp_path, content=content)

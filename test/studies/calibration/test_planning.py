@@ -1,4 +1,4 @@
-"""Facts about the poses that a calibration plans."""
+"""Tests of the poses that a calibration plans."""
 
 from collections import Counter
 
@@ -24,7 +24,7 @@ def worth(points, robot):
     return np.linalg.slogdet(np.eye(15) + rows.T @ rows)[1]
 
 
-def test_planned_poses_tell_more_than_any_that_were_drawn(robot):
+def test_planned_poses_identify_more_than_random_ones(robot):
     poses = planned(robot)
     chosen = worth(poses.points_m[~poses.checks], robot)
     print(f'seed {SEED}')
@@ -61,7 +61,7 @@ def test_the_weight_presses_every_gear_to_its_usual_flank(method, number, robot)
 
 
 @pytest.mark.parametrize(('method', 'count'), [('plane', 3), ('ball', 10)])
-def test_every_object_is_touched_often_enough_to_tell_more_than_its_place(method, count, robot):
+def test_every_object_is_touched_often_enough_to_give_more_than_its_position(method, count, robot):
     poses = planned(robot, method, 60)
     touched = Counter(name for name, check in zip(poses.objects, poses.checks, strict=True) if not check)
     assert len(touched) == count
@@ -69,7 +69,7 @@ def test_every_object_is_touched_often_enough_to_tell_more_than_its_place(method
     assert set(poses.objects) == set(touched)
 
 
-def test_three_touches_tell_each_zero_angle_by_itself(robot):
+def test_three_touches_identify_each_zero_angle_separately(robot):
     poses = planned(robot, 'level', 3, 0, height_m=-0.9)
     assert poses.points_m[:, 2] == pytest.approx([-0.9] * 3)
     slopes = model.sensitivity(estimation.shafts_of(poses.points_m, robot), robot)[:, 2, 12:]
@@ -84,7 +84,7 @@ def test_three_touches_tell_each_zero_angle_by_itself(robot):
         ('plane', 12, 0, '12 poses are too few for the method plane, at least 20 are needed'),
     ],
 )
-def test_numbers_of_poses_that_cannot_be_are_refused(method, number, checks, sentence, robot):
+def test_numbers_of_poses_that_cannot_be_are_rejected(method, number, checks, sentence, robot):
     with pytest.raises(CalibrationError, match=sentence):
         planned(robot, method, number, checks)
 
@@ -92,7 +92,7 @@ def test_numbers_of_poses_that_cannot_be_are_refused(method, number, checks, sen
 @pytest.mark.parametrize(
     ('method', 'least'), [('base', 6), ('frame', 8), ('plane', 20), ('ball', 20), ('level', 1)]
 )
-def test_the_least_number_of_poses_of_a_method_is_planned_and_one_less_is_refused(method, least, robot):
+def test_the_least_number_of_poses_of_a_method_is_planned_and_one_less_is_rejected(method, least, robot):
     more = {'height_m': -0.9} if method == 'level' else {}
     assert len(planned(robot, method, least, 0, **more).points_m) == least
     with pytest.raises(
@@ -122,6 +122,6 @@ def test_a_touch_has_the_angles_at_which_the_probe_meets_the_surface(robot):
     assert heights == pytest.approx([-0.9] * 3, abs=2e-6)
 
 
-def test_a_plane_that_the_robot_does_not_reach_is_refused(robot):
+def test_a_plane_that_the_robot_does_not_reach_is_rejected(robot):
     with pytest.raises(CalibrationError, match='more than the 0 candidates'):
         planned(robot, 'level', 3, 0, height_m=-2.0)

@@ -1,4 +1,4 @@
-"""Facts about a whole calibration of the built robot, measured in simulation, and about what it leaves."""
+"""Tests of a whole calibration of the built robot, measured in simulation, and about what it leaves."""
 
 import csv
 import dataclasses
@@ -56,7 +56,7 @@ def test_the_true_tcp_of_the_built_robot_is_right_on_poses_that_were_not_used(su
     assert left(summary, 'not used')['after_rms_m'] < 3.0 * 2e-5
 
 
-def test_what_limits_it_is_told(summary):
+def test_limiting_quantity_is_reported(summary):
     limits = {one['what'].partition(',')[0]: one['size_m'] for one in summary['limits_m']}
     assert limits['non-geometric effects'] < 0.015e-3
     assert limits['increments of the encoders'] < 1e-6
@@ -171,7 +171,7 @@ def test_a_calibrated_robot_is_calibrated_already(summary, tmp_path):
 
 
 @pytest.mark.long
-def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrated, tmp_path):
+def test_homing_error_of_each_arm_follows_from_three_touches(summary, calibrated, tmp_path):
     """The lengths are calibrated; then each motor is homed anew, and misses."""
     missed = [0.3, -0.5, 0.2]
     angles = np.array(calibrated.rich.arm_angle_error_deg) + missed
@@ -198,12 +198,12 @@ def test_touches_make_the_shape_of_the_motion_right(method, tmp_path):
     assert len(measured.objects) == 44
 
 
-def test_angles_of_another_controller_are_refused(summary, folder, tmp_path):
+def test_angles_of_another_controller_are_rejected(summary, folder, tmp_path):
     with pytest.raises(CalibrationError, match='contains angles of a controller with other parameters'):
         study(tmp_path, simulate=None).fit(folder / 'measurements.csv')
 
 
-def test_points_are_no_touches(summary, folder, tmp_path):
+def test_points_are_not_touches(summary, folder, tmp_path):
     with pytest.raises(CalibrationError, match='contains points, not touches'):
         study(tmp_path, 'level', 3, 0, simulate=None, chosen='rich', height_m=-0.9).fit(
             folder / 'measurements.csv'

@@ -1,4 +1,4 @@
-"""Facts about estimates from built robots: what the thesis' model makes of them, and what one makes that has it all."""
+"""Tests of estimates from built robots: what the thesis' model makes of them, and what one makes that has it all."""
 
 import contextlib
 import json
@@ -178,7 +178,7 @@ def test_no_interval_of_a_model_that_does_not_hold_leaves_out_the_truth(applied,
 
 
 @pytest.mark.long
-def test_what_is_applied_is_a_parameter_file_with_source_and_interval_beside_each_value(applied, rich):
+def test_applied_result_is_a_parameter_file_with_source_and_interval_of_each_value(applied, rich):
     folder, report, _ = applied
     path = folder / 'fitted.yaml'
     assert any(name.endswith('fitted.yaml') for name in report['files'])
@@ -219,7 +219,7 @@ def test_the_error_norm_before_and_after_is_that_of_the_bus(recorded, rich):
     assert np.abs(found.robot.error_norm - own)[10:].max() < 0.01 * own.max()
 
 
-def test_without_apply_the_exit_status_says_that_the_model_does_not_hold(bus, tmp_path, capsys):
+def test_exit_status_without_apply_reports_a_failing_model(bus, tmp_path, capsys):
     trace = tmp_path / 'robot.npz'
     bus.save(trace)
     wrong = tmp_path / 'heavy.yaml'
@@ -257,7 +257,7 @@ def test_arms_that_differ_are_found_where_the_tcp_was_measured(program, rich):
     assert better.rms < 0.1
 
 
-def test_effects_stand_for_their_quantities_and_are_switched_on(robot):
+def test_effects_represent_their_quantities_and_are_switched_on(robot):
     group = GROUPS['motor']
     assert group.named(['gear', 'R']) == ('c_g', 'd_g', 'b_g', 'R')
     freed = group.chosen(['friction', 'gear'])

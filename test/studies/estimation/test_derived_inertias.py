@@ -1,4 +1,4 @@
-"""Facts about inertias that follow from the arms of a parameter file; ``check`` reports and writes them."""
+"""Tests of inertias that follow from the arms of a parameter file; ``check`` reports and writes them."""
 
 import json
 
@@ -125,7 +125,7 @@ def test_nothing_but_a_parameter_file_has_inertias_to_derive(tmp_path, capsys):
     assert not new.exists()
 
 
-def test_arms_that_reach_no_place_of_their_workspace_are_refused(robot):
+def test_arms_that_reach_no_place_of_their_workspace_are_rejected(robot):
     high = robot.replace(kinematics__workspace_top_m=-0.1, kinematics__workspace_bottom_m=-0.11)
     with pytest.raises(ParameterError, match='the arms reach no point of the workspace'):
         derived_inertias(high)

@@ -1,4 +1,4 @@
-"""Facts about parameter estimation (chapter 9): how sure the figures are, from an oscilloscope and from bus cycles."""
+"""Tests of parameter estimation (chapter 9): how sure the figures are, from an oscilloscope and from bus cycles."""
 
 import dataclasses
 
@@ -40,7 +40,7 @@ def test_the_equation_of_motion_is_linear_in_three_constants(robot):
     assert np.abs(torque - dynamics.inverse(theta, rates, accelerations, robot)).max() < 1e-10
 
 
-def test_values_go_into_parameters_and_come_back(robot):
+def test_values_are_restored_from_parameters(robot):
     changed = {'R': 3.0, 'm_b': 1.1, 'alpha_2': 2.0, 'R_B': 0.06}
     back = values_of(with_values(robot, changed))
     assert all(back[symbol] == pytest.approx(value, rel=1e-14) for symbol, value in changed.items())
@@ -48,7 +48,7 @@ def test_values_go_into_parameters_and_come_back(robot):
         with_values(robot, {'R': -1.0})
 
 
-def test_values_that_start_beside_the_truth_stay_within_bounds_that_leave_room(robot):
+def test_values_started_off_the_truth_stay_within_wide_bounds(robot):
     """Neighbouring azimuths start in opposite directions: all in one direction would be a turn of the frame."""
     quantities = [TABLE[s] for s in ('alpha_1', 'alpha_2', 'alpha_3', 'K_m', 'gain_1', 'F_v', 'm_payload')]
     without = robot.replace(motor__viscous_friction_n_m_s_rad=0.0, dynamics__payload_mass_kg=0.0)
@@ -134,7 +134,7 @@ def test_intervals_of_a_replay_hold_although_its_encoder_has_no_increments(bus, 
     assert max(map(abs, off.values())) < 1.0
 
 
-def test_quantities_that_went_far_start_a_second_time_beside_what_the_others_found(scope, robot, monkeypatch):
+def test_quantities_far_from_their_start_start_again_from_the_others_results(scope, robot, monkeypatch):
     problem = problem_of('motor', scope, robot)
     start = start_values(problem.quantities, robot, 0.3)
     right = fit(problem, start)
@@ -199,7 +199,7 @@ def test_least_squares_on_the_closed_loop_returns_its_initial_values(off, bus, r
 
 
 # from 50 % off F_s lies above the break-away torque of the built robot, which is switched off
-def test_a_start_above_the_break_away_torque_is_no_robot_that_cannot_be(bus, robot):
+def test_start_above_the_break_away_torque_is_a_possible_robot(bus, robot):
     model = ReplayModel(bus, robot)
     true = values_of(robot)
     for static in (1.5 * true['F_s'], 10.0 * true['F_s']):

@@ -1,4 +1,4 @@
-"""Facts about logs of other programs: the instant of their samples, gaps, clocks, and what they do not show."""
+"""Tests of logs of other programs: the instant of their samples, gaps, clocks, and what they do not show."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_a_log_without_speeds_is_completed_by_its_positions(log, robot):
     assert completed(log, robot)['motor_speed'] is log['motor_speed']
 
 
-def test_inductance_and_instant_of_sampling_make_up_for_one_another_and_the_interval_says_so(log, robot):
+def test_inductance_and_sampling_instant_compensate_each_other_and_widen_the_interval(log, robot):
     truth = {'L': 0.8 * robot.motor.winding_inductance_h, 't_I': PERIOD_S}
     replay = Replay(log, robot)
     measured = np.zeros_like(log['current'])

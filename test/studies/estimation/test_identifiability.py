@@ -1,4 +1,4 @@
-"""Facts about what signals tell of a parameter and what they cannot tell."""
+"""Tests of what signals tell of a parameter and what they cannot tell."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def verdicts(problem, robot):
     return {f.symbol: f.verdict for f in analyse(problem, x).findings}
 
 
-def test_verdicts_tell_invisible_confounded_weak_and_identifiable():
+def test_classification_is_invisible_confounded_weak_or_identifiable():
     generator = np.random.default_rng(1)
     a, b, c = generator.standard_normal((3, 1000))
     columns = np.stack([a, 2.0 * a, 1e-2 * b, np.zeros(1000), c], axis=-1)

@@ -1,4 +1,4 @@
-"""Facts about the signals that parameters are estimated from, and about programs that excite them."""
+"""Tests of the signals that parameters are estimated from, and about programs that excite them."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_current_and_voltage_obey_the_winding(scope, robot):
     assert np.abs((final + (current - final) * decay)[:-1] - current[1:]).max() < 1e-12
 
 
-def test_the_same_seed_is_the_same_noise_and_no_noise_is_none(bus, robot):
+def test_same_seed_gives_the_same_noise_and_zero_gives_none(bus, robot):
     one, again, other = (measurement.with_noise(bus, robot, 1.0, seed) for seed in (3, 3, 4))
     assert one['current'].tobytes() == again['current'].tobytes() != other['current'].tobytes()
     assert np.std(one['current'] - bus['current']) == pytest.approx(measurement.NOISE.current_a, rel=0.05)
@@ -55,7 +55,7 @@ def test_the_motion_is_from_the_first_cycle_of_the_program_to_its_last_included(
     assert measurement.moving_rows(trace) == slice(begin, end + 1)
 
 
-def test_a_program_that_changes_the_payload_is_no_measurement(robot):
+def test_program_with_payload_changes_is_not_a_measurement(robot):
     with pytest.raises(EstimationError, match='payload'):
         measurement.simulate(programs.load('packaging', robot.motion), robot)
 
@@ -110,7 +110,7 @@ def test_a_design_improves_and_the_same_seed_designs_the_same(robot):
 # CSV traces
 
 
-def test_a_csv_trace_comes_back_to_the_last_bit(bus, tmp_path):
+def test_csv_trace_is_restored_to_the_last_bit(bus, tmp_path):
     back = trace_csv.read(trace_csv.write(bus, tmp_path / 'run.csv'))
     assert back.meta == bus.meta
     assert back.time_s.tobytes() == bus.time_s.tobytes()

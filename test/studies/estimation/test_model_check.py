@@ -1,4 +1,4 @@
-"""Facts about the verdict that comes before any estimate: whether a model explains its data."""
+"""Tests of the verdict that comes before any estimate: whether a model explains its data."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_a_model_that_leaves_the_noise_of_its_sensors_or_less_holds(noise, robot
     assert found.sentences[0] == 'the model explains the data'
 
 
-def test_residuals_above_the_noise_are_no_noise(robot):
+def test_residuals_above_the_noise_are_not_noise(robot):
     found = judged(Line(noise=1.6), robot)
     assert [block.is_small for block in found.blocks] == [False]
     assert [block.is_white for block in found.blocks] == [True]
@@ -52,7 +52,7 @@ def test_residuals_above_the_noise_are_no_noise(robot):
     assert '1.6 times the sensor noise (0.02 A)' in found.sentences[1]
 
 
-def test_what_comes_back_with_the_motion_is_seen_below_the_noise(robot):
+def test_effect_that_repeats_with_the_motion_is_seen_below_the_noise(robot):
     found = judged(Line(missing=0.3), robot)
     (block,) = found.blocks
     assert block.is_small

@@ -1,4 +1,4 @@
-"""Facts about the replay of a recording: it takes the commands of the master, torques as well."""
+"""Tests of the replay of a recording: it takes the commands of the master, torques as well."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_a_replay_with_the_true_parameters_repeats_the_currents(feed_forward, ro
     assert np.abs(current).max() > 50.0 * NEAR_A
 
 
-def test_torques_that_were_commanded_must_be_told(robot):
+def test_commanded_torques_are_required(robot):
     trace = simulation.run(programs.load('experiment1', robot.motion), robot)
     with pytest.raises(EstimationError, match='the trace contains no torque_command'):
         Replay(trace, robot.replace(control__feed_forward='model'))

@@ -1,4 +1,4 @@
-"""Facts about what an estimation leaves to read: text, tables, figures and the parameter file."""
+"""Tests of what an estimation leaves to read: text, tables, figures and the parameter file."""
 
 import dataclasses
 from types import SimpleNamespace

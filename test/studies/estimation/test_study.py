@@ -1,4 +1,4 @@
-"""Facts about estimations as they are asked for: interrupted, resumed, repeated, with every option."""
+"""Tests of estimations as they are asked for: interrupted, resumed, repeated, with every option."""
 
 import json
 import shlex
@@ -28,7 +28,7 @@ def settings_of(folder, bus, **fields):
     return Settings('geometry', (str(trace),), start_off=0.3, **fields)
 
 
-def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
+def test_interrupted_estimation_continues_from_its_last_iterate(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     whole = Study(settings, tmp_path / 'whole', 'test', quiet).run()
 
@@ -51,7 +51,7 @@ def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
             assert one['estimate'] == pytest.approx(other['estimate'], abs=1e-7)
 
 
-def test_corrections_of_each_arm_are_no_start_of_the_group_geometry(bus, tmp_path):
+def test_corrections_of_arms_do_not_start_the_group_geometry(bus, tmp_path):
     robot = parameters.load().replace(kinematics__upper_arm_correction_m=(1e-4, 0.0, 0.0))
     path = parameters.write(robot, tmp_path / 'corrected.yaml')
     settings = settings_of(tmp_path, bus, parameters=str(path))
@@ -59,7 +59,7 @@ def test_corrections_of_each_arm_are_no_start_of_the_group_geometry(bus, tmp_pat
         Study(settings, tmp_path / 'run', 'test', quiet)
 
 
-def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
+def test_estimation_does_not_continue_with_other_inputs(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
     Trace(bus.time_s, bus.signals, bus.meta | {'changed': True}).save(settings.inputs[0])
@@ -144,7 +144,7 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         (['x', '--resume', 'y'], '--resume uses the inputs'),
     ],
 )
-def test_options_out_of_range_are_refused_before_anything_runs(arguments, sentence, capsys):
+def test_options_out_of_range_are_rejected_before_anything_runs(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as caught:
         estimate.main(arguments)
     assert caught.value.code == 2
@@ -248,7 +248,7 @@ def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tm
     assert reports[('--noise', '1')]['residuals'][0]['intervals_from'] == 'residuals'
 
 
-def test_the_measurement_that_is_written_is_the_one_that_was_estimated_from(short, tmp_path, capsys):
+def test_written_measurement_is_the_estimated_one(short, tmp_path, capsys):
     for name in ('own.npz', 'own.csv'):
         base = ['--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path / 'out')]
         one = run_json([short, *base, '--noise', '1', '--measurement', str(tmp_path / name)], capsys)
@@ -279,9 +279,7 @@ def test_a_design_is_a_program_for_the_group_with_its_seed(tmp_path, robot, desi
     capsys.readouterr()
 
 
-def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
-    tmp_path, designed, monkeypatch, capsys
-):
+def test_design_of_the_documentation_runs_unchanged_with_few_curves(tmp_path, designed, monkeypatch, capsys):
     page = pages.SOURCE / 'docs/tuning.md'
     (block,) = (
         block
@@ -314,6 +312,6 @@ def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
         (['--resume', 'folder', '--noise', '2'], 'the settings of the folder: --noise would'),
     ],
 )
-def test_an_option_that_would_change_nothing_is_refused(arguments, sentence, capsys):
+def test_an_option_that_would_change_nothing_is_rejected(arguments, sentence, capsys):
     assert estimate.main(arguments) == 1
     assert sentence in capsys.readouterr().err

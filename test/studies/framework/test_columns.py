@@ -1,4 +1,4 @@
-"""Facts about columns: one declaration gives the key in JSON, the heading in CSV and the number in the text."""
+"""Tests of columns: one declaration gives the key in JSON, the heading in CSV and the number in the text."""
 
 from dataclasses import dataclass, replace
 from enum import Enum

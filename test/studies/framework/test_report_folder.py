@@ -1,4 +1,4 @@
-"""Facts about what a study leaves behind: every file tells where it comes from, a page shows all of them."""
+"""Tests of what a study leaves behind: every file tells where it comes from, a page shows all of them."""
 
 import base64
 import json
@@ -81,7 +81,7 @@ def test_a_file_that_is_too_large_for_the_page_is_a_link_by_its_name_alone(tmp_p
     assert '(0.6 MB, in the same folder)' in text
 
 
-def test_the_page_tells_command_text_captions_and_provenance(page):
+def test_page_shows_command_text_captions_and_provenance(page):
     text = ' '.join(page.texts)
     for told in (ORIGIN.command, 'first < line\nsecond line', 'Current I_eff.', *ORIGIN.lines().values()):
         assert told in text
@@ -106,7 +106,7 @@ def test_the_summary_names_all_files_itself_and_the_page_first(left):
     assert set(names) == {path.name for path in folder.iterdir()}
 
 
-def test_a_cell_without_a_value_is_empty_and_every_file_tells_its_origin(left):
+def test_missing_value_is_an_empty_cell_and_every_file_names_its_origin(left):
     folder, _ = left
     *origin, header, first, second, third = (folder / 'short.csv').read_text().splitlines()
     assert origin == [f'# {name}: {text}' for name, text in ORIGIN.lines().items()]

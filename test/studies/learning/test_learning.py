@@ -1,4 +1,4 @@
-"""Facts about what is learned of a program: smaller errors in few repetitions, with wrong masses and noise as well."""
+"""Tests of what is learned of a program: smaller errors in few repetitions, with wrong masses and noise as well."""
 
 import itertools
 import json
@@ -104,7 +104,7 @@ def test_it_converges_with_wrong_masses_of_the_built_robot(share, learn, built):
     assert found.best.tcp_error_max_m < 0.11e-3
 
 
-def test_a_filter_that_is_no_contraction_is_refused_with_place_and_remedy(learn, built):
+def test_filter_without_contraction_is_rejected_with_place_and_remedy(learn, built):
     """The gears of the built robot swing against their motors where a wide filter still learns."""
     with pytest.raises(LearnedError, match=r'does not converge: with \d+ % .* rate is 1\.\d+ at \d+ Hz'):
         learn(built, bandwidth_hz=200.0)
@@ -115,7 +115,7 @@ def test_that_of_the_rigid_robot_may_be_as_wide(learn, model):
     assert gains(found)[1] > 25.0
 
 
-def test_what_a_pulse_of_torque_does_is_what_the_dynamics_say(model):
+def test_torque_pulse_has_the_effect_of_the_dynamics(model):
     """With loops that hardly react a motor has the speed that inertia and torque give it."""
     loose = model.replace(
         drive__position_gain_rad_s_rad=1e-3,
@@ -131,14 +131,14 @@ def test_what_a_pulse_of_torque_does_is_what_the_dynamics_say(model):
     np.testing.assert_allclose(found, speed, rtol=0.03, atol=0.01 * speed.max())
 
 
-def test_a_controller_that_commands_no_torques_is_refused(learn, robot):
+def test_a_controller_that_commands_no_torques_is_rejected(learn, robot):
     with pytest.raises(
         LearnedError, match=r'control\.feed_forward must be model, as with --parameters model'
     ):
         learn(robot)
 
 
-def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_refused(learn, model, tmp_path):
+def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_rejected(learn, model, tmp_path):
     program = tmp_path / 'program.yaml'
     moves = {'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 40.0}}]}
     program.write_text(json.dumps(moves))
@@ -187,7 +187,7 @@ def test_the_folder_holds_what_was_learned_and_a_simulation_follows_it(folder, m
     assert trace.meta['unlearned'] == ''
 
 
-def test_it_is_said_how_to_follow_what_was_learned(folder):
+def test_use_of_the_learned_result_is_explained(folder):
     document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
     command = shlex.split(document['follow'])
     assert command == [
@@ -232,7 +232,7 @@ def test_an_interruption_before_anything_is_learned_leaves_what_was_there(tmp_pa
         (2, 'interrupted: the torques of repetition 2 are in '),
     ],
 )
-def test_the_command_says_what_an_interruption_keeps(kept, sentence, tmp_path, monkeypatch, capsys):
+def test_command_explains_the_result_of_an_interruption(kept, sentence, tmp_path, monkeypatch, capsys):
     def interrupted(learning):
         learning.kept = kept
         raise KeyboardInterrupt
@@ -259,7 +259,7 @@ def test_the_machine_has_the_drives_that_the_controller_takes_it_to_have(tmp_pat
     assert (learning.machine.rich.enabled, learning.robot.rich.enabled) == (True, False)
 
 
-def test_a_program_that_stands_teaches_nothing_and_leaves_no_torques(tmp_path):
+def test_program_at_rest_teaches_nothing_and_leaves_no_torques(tmp_path):
     program = tmp_path / 'program.yaml'
     program.write_text(json.dumps({'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 0.3}}]}))
     (tmp_path / 'learned.npz').write_text('old')
@@ -278,7 +278,7 @@ def test_a_program_that_stands_teaches_nothing_and_leaves_no_torques(tmp_path):
     ],
     ids=['another program', 'other parameters'],
 )
-def test_a_simulation_of_anything_else_is_refused(arguments, sentence, folder, capsys):
+def test_a_simulation_of_anything_else_is_rejected(arguments, sentence, folder, capsys):
     assert main(['simulate', *arguments, '--learned', str(folder / 'learned.npz')]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f'error: the learned torques of {folder / "learned.npz"} do not fit: {sentence}')

@@ -1,4 +1,4 @@
-"""Facts about the update of norm-optimal learning: it makes its norm least, and its criterion bounds what is left."""
+"""Tests of the update of norm-optimal learning: it makes its norm least, and its criterion bounds what is left."""
 
 import itertools
 
@@ -92,7 +92,7 @@ def test_the_criterion_bounds_what_a_repetition_leaves_of_any_torque(gain):
     assert (rate < 1.0) == (gain < 2.0)
 
 
-def test_a_robot_that_answers_the_wrong_way_is_no_contraction_where_it_does():
+def test_robot_with_inverted_response_is_no_contraction_there():
     """A resonance behind the bandwidth of the filter does no harm, one below it does."""
     frequency_hz = 120.0
     swing = 1.5e-3 * np.exp(-TIME / 30.0) * np.sin(2.0 * np.pi * frequency_hz * CYCLE_S * TIME + np.pi)

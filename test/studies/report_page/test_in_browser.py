@@ -1,4 +1,4 @@
-"""Facts about the report page in a real browser: what it draws, and that everything follows one time."""
+"""Tests of the report page in a real browser: what it draws, and that everything follows one time."""
 
 import re
 from pathlib import Path
@@ -67,14 +67,14 @@ def tcp_at(run, time_s):
     return kinematics.forward(theta, run.robot)
 
 
-def test_the_page_asks_nobody_for_anything(visit, written):
+def test_page_loads_nothing_externally(visit, written):
     visit.page.evaluate('delta3.clock.play()')
     until(visit, 'delta3.clock.time > 0.1')
     assert visit.requests == [written[0]]
     assert visit.complaints == []
 
 
-def test_the_tcp_is_drawn_where_forward_kinematics_says(visit, one):
+def test_tcp_is_drawn_at_the_forward_kinematics(visit, one):
     visit.page.get_by_label('command').uncheck()
     for time_s in INSTANTS_S:
         seek(visit, time_s)
@@ -92,7 +92,7 @@ ONLY_THE_PLATE = """
 """
 
 
-def test_the_plate_is_drawn_where_forward_kinematics_says(browser, written, one):
+def test_plate_is_drawn_at_the_forward_kinematics(browser, written, one):
     with Visit(browser, written[0]) as visit:
         visit.page.wait_for_selector(READY, state='attached')
         visit.page.get_by_role('button', name='top').click()
@@ -114,7 +114,7 @@ def check_plate(visit, one):
 
 
 @pytest.mark.long
-def test_each_arm_is_drawn_as_long_as_the_parameters_say(browser, robot, tmp_path):
+def test_each_arm_is_drawn_with_the_lengths_of_the_parameters(browser, robot, tmp_path):
     corrected = robot.replace(kinematics__upper_arm_correction_m=(2e-3, -1e-3, 0.0))
     run = runs.load('packaging', str(parameters.write(corrected, tmp_path / 'corrected.yaml')), to_s=0.2)
     page.write(tmp_path / 'page.html', [run], Provenance.of('test'))
@@ -139,7 +139,7 @@ def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
 
 
 @pytest.mark.long
-def test_samples_of_a_record_stand_until_the_next_one_and_tell_their_values(browser, one, tmp_path):
+def test_samples_of_a_record_are_held_until_the_next_one_with_their_values(browser, one, tmp_path):
     step, names = 62.5e-6, tuple(f'axis1.phase_current_{n}' for n in range(8))
     values = np.arange(320.0)[:, np.newaxis] + 1000.0 * np.arange(8)
     start_s = one.window.meta['start_cycle'] * one.period_s
@@ -230,7 +230,7 @@ def test_a_click_on_a_plot_goes_to_that_instant(visit):
     assert visit.page.evaluate('delta3.clock.time') == pytest.approx(first + 0.75 * (last - first), abs=0.005)
 
 
-def test_play_goes_on_at_its_speed_and_stops_where_it_is_told(visit):
+def test_playback_continues_at_its_speed_and_stops_on_request(visit):
     seek(visit, 0.0)
     visit.page.select_option('#speed', '0.1')
     # Within the page and by pictures of an own time, so that it is the same however slow the browser is.
@@ -338,7 +338,7 @@ def test_lines_in_plots_are_at_faults_and_events_in_their_colours_and_nowhere_el
     assert colours['fault'] != colours['event']
 
 
-def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
+def test_ghost_of_the_command_is_offset_by_the_magnified_error(visit, one):
     visit.page.evaluate('magnify.value = 40; magnify.dispatchEvent(new Event("input"))')
     assert visit.page.locator('#magnified').text_content() == '\u00d7100'
     seek(visit, 0.111)
@@ -434,7 +434,7 @@ def test_a_browser_without_3d_shows_everything_else(browser, written):
     ('name', 'towards'),
     [('front', (0, -1, 0)), ('side', (1, 0, 0)), ('top', (0, 0, 1)), ('3-D', (0.6, -0.75, 0.27))],
 )
-def test_each_view_looks_from_where_its_name_says(name, towards, visit):
+def test_each_view_looks_from_its_named_direction(name, towards, visit):
     visit.page.get_by_role('button', name=name, exact=True).click()
     eye = visit.page.evaluate(
         'delta3.stage.camera.position.clone().sub(delta3.stage.controls.target).toArray()'

@@ -1,4 +1,4 @@
-"""Facts about numbers in a page: they come back within half a step, whatever they are."""
+"""Tests of numbers in a page: they come back within half a step, whatever they are."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ ROUNDING = 1.0 + 1e-9  # of half a step
     ),
     st.sampled_from([1e-8, 1e-3, 0.5]),
 )
-def test_any_numbers_come_back_within_half_a_step(values, resolution):
+def test_numbers_are_restored_within_half_a_step(values, resolution):
     document = packed(values, resolution)
     back = unpacked(document, len(values))
     assert back.shape == values.shape
@@ -30,7 +30,7 @@ def test_the_step_is_what_was_asked_for_where_32_bits_hold_the_numbers():
     assert packed(np.array([[22.0]]), 1e-8)['resolution'] == pytest.approx(22.0 / 2**31, rel=1e-5)
 
 
-def test_what_is_no_number_comes_back_as_nothing_between_its_neighbours():
+def test_non_numeric_values_are_restored_as_gaps():
     values = np.array([[1.0], [np.nan], [2.0], [np.inf], [3.0]])
     back = unpacked(packed(values, 0.5), 5)
     np.testing.assert_array_equal(back, [[1.0], [np.nan], [2.0], [np.nan], [3.0]])

@@ -1,4 +1,4 @@
-"""Facts about the report page: its numbers are those of the runs, it is small, and it asks nobody for anything."""
+"""Tests of the report page: its numbers are those of the runs, it is small, and it asks nobody for anything."""
 
 import re
 from dataclasses import replace
@@ -77,7 +77,7 @@ def test_the_numbers_in_the_page_are_those_of_the_trace(one, text, robot):
         assert np.abs(found[name] - one.window[name]).max() <= 0.5 * step * ROUNDING, name
 
 
-def test_the_page_tells_the_energy_of_a_round_as_simulate_does(one, text, both):
+def test_page_and_simulate_give_the_same_energy_of_a_round(one, text, both):
     found = energy_of_round(one.whole, one.robot, one.program.repeat)
     assert f'<p>Energy: {found.text(one.program.repeat)}.</p>' in text
     assert '>Energy' not in both.replace('<p>Energy of <b>', '')
@@ -154,7 +154,7 @@ def test_moves_and_marks_of_the_page_are_those_of_the_run(one, text):
     assert run['payloads'][:2] == [[0.0, 0.5], [pytest.approx(one.moves[2].start_s), 0.0]]
 
 
-def test_the_table_of_moves_tells_the_figures_of_each(one, text):
+def test_table_of_moves_has_the_figures_of_each(one, text):
     rows = re.findall(r'<tr data-from="([\d.]+)".*?>(.*?)</tr>', text)
     assert len(rows) == len(one.moves)
     cells = [re.findall(r'<td.*?>(.*?)</td>', row) for _, row in rows]
@@ -167,7 +167,7 @@ def test_the_table_of_moves_tells_the_figures_of_each(one, text):
         assert float(own[8]) == pytest.approx(1e3 * figures.tcp_error_max_m, abs=1e-3)
 
 
-def test_a_page_tells_the_states_of_the_drives_and_a_dash_where_nobody_knows_what_limited_a_move(one):
+def test_page_shows_states_of_drives_and_a_dash_for_unknown_limits(one):
     unknown = replace(one, moves=tuple(replace(move, limited_by='') for move in one.moves))
     texts = Tags(page.page([unknown], ORIGIN)).texts
     assert {'limited by', 'Drives', 'enabled', 'free', 'axis 3'} <= set(texts)
@@ -175,7 +175,7 @@ def test_a_page_tells_the_states_of_the_drives_and_a_dash_where_nobody_knows_wha
     assert 'Drives' not in Tags(page.page([replace(one, drives=())], ORIGIN)).texts
 
 
-def test_the_page_tells_where_it_comes_from_and_which_parameters_are_not_the_usual_ones(text, both):
+def test_page_shows_its_origin_and_unusual_parameters(text, both):
     texts = Tags(text).texts
     assert all(line in texts for line in ORIGIN.lines().values() if line != 'none')
     assert {'motion.home_m', '-0.1525, 0, -0.85', '0, 0, -0.75'} <= set(texts)
@@ -195,7 +195,7 @@ def test_a_page_of_two_runs_holds_their_difference(one, other, both):
     assert [run['name'] for run in document['runs']] == ['packaging', 'packaging (rich)']
 
 
-def test_a_run_that_is_aligned_by_its_motion_stands_at_the_time_of_the_first(one):
+def test_run_aligned_by_its_motion_has_the_time_of_the_first(one):
     from dataclasses import replace
 
     later = replace(one, window=replace(one.window, time_s=one.window.time_s + 0.25))
@@ -231,7 +231,7 @@ def test_noise_that_would_make_the_page_too_large_is_rounded_more(one):
     assert np.abs(signals['current'] - part['current']).max() < 0.1
 
 
-def test_too_many_or_too_long_runs_are_refused_in_one_sentence(one):
+def test_too_many_or_too_long_runs_are_rejected_in_one_sentence(one):
     from dataclasses import replace
 
     with pytest.raises(ReportError, match=r'^a report takes at most 4 runs, not 5$'):

@@ -1,4 +1,4 @@
-"""Facts about records of oscilloscopes in a page: every sample is there, at the time of the run at which it was."""
+"""Tests of records of oscilloscopes in a page: every sample is there, at the time of the run at which it was."""
 
 from pathlib import Path
 
@@ -72,7 +72,7 @@ def test_a_trigger_is_a_mark_whatever_the_form_of_the_file(here, name):
     assert time_s == pytest.approx(62.5e-6, abs=1e-8)
 
 
-def test_records_have_rows_that_tell_what_they_are_and_several_have_their_names(here):
+def test_records_have_descriptive_rows_and_several_have_their_names(here):
     found = document('--scope', 's.npz,s.csv')
     page = Path('page.html').read_text(encoding='utf-8')
     assert 'axis2.current, axis1.current, axis3.speed, axis1.state' in page
@@ -98,7 +98,7 @@ def test_of_a_record_is_shown_what_is_shown_of_the_run(here, capsys):
     assert 's.npz is outside of the window of t.npz' in told
 
 
-def test_what_does_not_belong_to_a_run_is_refused(here, capsys):
+def test_what_does_not_belong_to_a_run_is_rejected(here, capsys):
     assert 'there is no record none.npz' in refused(capsys, 't.npz', '--scope', 'none.npz')
     assert 'it has no units' in refused(capsys, 't.npz', '--scope', 't.npz')
     whole = Trace.load('t.npz')

@@ -1,4 +1,4 @@
-"""Facts about what a page draws around the robot, and its table of parts: as the run tells it, and not more."""
+"""Tests of what a page draws around the robot, and its table of parts: as the run tells it, and not more."""
 
 import re
 from dataclasses import replace
@@ -133,7 +133,7 @@ def test_a_place_out_of_reach_is_not_drawn_and_takes_no_digits_from_others(packa
     np.testing.assert_allclose(cell['places'][0, :3], own['stays'][0]['at_m'], atol=STEP)
 
 
-def test_the_table_tells_what_has_become_of_each_part(packaged):
+def test_table_gives_the_outcome_of_each_part(packaged):
     run, _ = packaged
     text = page.page([run], ORIGIN)
     rows = rows_of(text)
@@ -154,7 +154,7 @@ def test_the_table_tells_what_has_become_of_each_part(packaged):
     assert 'not listed' not in text
 
 
-def test_a_part_that_was_lost_tells_the_reason_and_what_strangers_call_it_breaks_nothing(packaged):
+def test_lost_part_reports_the_reason_and_names_of_other_publishers_break_nothing(packaged):
     run, _ = packaged
     told = {'outcome': 'lost', 'reason': 'it <b>fell</b>', 'where': '', 'place': -1, 'type': '</table>'}
     text = page.page([with_parts(run, 1, **told)], ORIGIN)
@@ -199,7 +199,7 @@ def test_a_recording_of_before_lists_its_parts_and_draws_none(packaged):
         ),
     ],
 )
-def test_a_run_that_tells_no_pose_is_refused_in_one_sentence(absent, told, packaged):
+def test_run_without_a_pose_is_rejected_in_one_sentence(absent, told, packaged):
     run, _ = packaged
     signals = {name: values for name, values in run.window.signals.items() if name not in absent}
     part = Trace(run.window.time_s, signals, run.window.meta)

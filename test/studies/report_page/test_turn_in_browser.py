@@ -1,4 +1,4 @@
-"""Facts about the rotary axis in a report in a real browser: tool and bar are turned as the run says."""
+"""Tests of the rotary axis in a report in a real browser: tool and bar are turned as the run says."""
 
 import math
 
@@ -80,7 +80,7 @@ def test_tool_and_bar_are_drawn_as_the_run_has_them(visit, run):
     assert turned[-1] - turned[0] > 90.0
 
 
-def test_the_tool_of_the_ghost_stands_off_by_the_magnified_error(visit, run):
+def test_tool_of_the_ghost_is_offset_by_the_magnified_error(visit, run):
     visit.page.evaluate('magnify.value = 40; magnify.dispatchEvent(new Event("input"))')  # 100 times
     time_s = INSTANTS_S[2]
     seek(visit, time_s)
@@ -137,7 +137,7 @@ def test_a_part_in_hand_turns_about_the_tcp_with_the_tool(browser, carried, tmp_
     assert angles[2] == pytest.approx(120.0, abs=0.2)
 
 
-def test_the_plots_of_the_turn_stand_in_the_page_in_degrees(text):
+def test_plots_of_the_rotation_are_on_the_page_in_degrees(text):
     plots = {plot['title']: plot for plot in document_of(text)['plots']}
     angle = plots['Angle of the tool']
     assert [(one['name'], one['role']) for one in angle['signals']] == [

@@ -1,4 +1,4 @@
-"""Facts about runs that are brought to one time: the shift that is found, how sure it is, and when it may be wrong."""
+"""Tests of runs that are brought to one time: the shift that is found, how sure it is, and when it may be wrong."""
 
 from dataclasses import replace
 
@@ -96,7 +96,7 @@ def test_parts_of_runs_are_aligned_by_what_they_share(from_s, to_s, one, tmp_pat
 
 
 @pytest.mark.parametrize('names', [('motor_speed',), ('tcp_actual',)])
-def test_gaps_and_ends_are_no_motion(names, one, tmp_path):
+def test_gaps_and_ends_are_not_motion(names, one, tmp_path):
     sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=names)
     rows = (tmp_path / 'a.csv').read_text().splitlines()
     (tmp_path / 'torn.csv').write_text('\n'.join(rows[:500] + rows[530:900]) + '\n')

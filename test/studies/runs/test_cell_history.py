@@ -1,4 +1,4 @@
-"""Facts about the story of a cell: parts are where the simulation has them, in traces and in bags."""
+"""Tests of the story of a cell: parts are where the simulation has them, in traces and in bags."""
 
 import math
 from dataclasses import replace
@@ -62,7 +62,7 @@ def test_a_part_that_has_left_its_belt_or_its_box_is_not_there(belted):
     assert list(story.at(last, truth.cycles[last][0])) == []
 
 
-def test_a_trace_tells_things_outcomes_and_ways(belted):
+def test_trace_yields_objects_outcomes_and_paths(belted):
     trace, _ = belted
     story = cell_story.of_trace(trace, 'trace')
     assert [thing.kind for thing in story.things] == [Kind.BELT, Kind.WINDOW, Kind.BARRIER, Kind.BOX]
@@ -82,7 +82,7 @@ def test_a_part_that_began_to_ride_before_the_recording_is_not_there(belted):
     assert 1 in [part['number'] for part, _, _ in stories[1].at(1300, (0.0, 0.0, -0.8))]
 
 
-def test_a_bag_tells_the_same_as_the_trace(belted, tmp_path):
+def test_bag_and_trace_yield_the_same_values(belted, tmp_path):
     trace, truth = belted
     path = bag_of(tmp_path / 'bag', truth.arrivals, truth.scene, RECORDED)
     of_bag, of_trace = runs.load(str(path)).cell, cell_story.of_trace(trace, 'trace')
@@ -96,7 +96,7 @@ def test_a_bag_tells_the_same_as_the_trace(belted, tmp_path):
 
 
 @pytest.mark.long
-def test_in_a_bag_that_begins_late_parts_are_where_encoders_say(tmp_path):
+def test_parts_in_a_late_bag_are_where_encoders_place_them(tmp_path):
     _, truth = picks_from_a_belt()
     late = [one for n, one in enumerate(truth.arrivals) if one[0] == 'cell/parts' or n > RECORDED[0]]
     path = bag_of(tmp_path / 'bag', late, truth.scene, RECORDED)
@@ -135,13 +135,13 @@ def own(belted, tmp_path_factory):
 
 
 @pytest.mark.parametrize('case', SPOILT)
-def test_what_a_stranger_tells_of_a_cell_is_not_there(case, own, belted, tmp_path):
+def test_cell_messages_of_another_publisher_are_ignored(case, own, belted, tmp_path):
     spoilt = early_story(belted, tmp_path / 'spoilt', SPOILT[case])
     assert (spoilt.things, spoilt.parts) == (own.things, own.parts)
     np.testing.assert_array_equal(spoilt.ways['line'], own.ways['line'])
 
 
-def test_counts_that_were_played_back_are_none_of_this_robot(tmp_path):
+def test_played_back_counts_are_ignored(tmp_path):
     from bags import STORE
 
     header = STORE.types['std_msgs/msg/Header'](STORE.types['builtin_interfaces/msg/Time'](0, 0), 'CP4 3fa9')
@@ -154,14 +154,14 @@ def test_counts_that_were_played_back_are_none_of_this_robot(tmp_path):
     np.testing.assert_allclose(runs.load(str(path)).cell.ways['line'], np.arange(8) * 1e-3, atol=1e-12)
 
 
-def test_a_recording_without_a_cell_tells_none(packaged, tmp_path):
+def test_recording_without_a_cell_yields_none(packaged, tmp_path):
     trace, _ = packaged
     bare = {name: value for name, value in trace.meta.items() if name not in ('cell', 'cell_scene')}
     assert cell_story.of_trace(replace(trace, meta=bare), 'bare') is None
     assert runs.load(str(record(tmp_path / 'bag', messages()))).cell is None
 
 
-def test_a_trace_of_before_tells_of_parts_and_not_where_they_were(packaged):
+def test_older_trace_has_parts_without_their_positions(packaged):
     trace, truth = packaged
     meta = {name: value for name, value in trace.meta.items() if name != 'cell_scene'}
     old = [{k: v for k, v in part.items() if k not in ('stays', 'size_m')} for part in meta['cell']['parts']]
@@ -180,7 +180,7 @@ def test_a_trace_of_before_tells_of_parts_and_not_where_they_were(packaged):
         {'cell_scene': {'cell': 'a', 'things': [THING | {'at_m': [0, 0, 1e9]}]}},
     ],
 )
-def test_a_trace_that_tells_nonsense_of_its_cell_is_refused_in_one_sentence(told, packaged, tmp_path):
+def test_trace_with_invalid_cell_metadata_is_rejected_in_one_sentence(told, packaged, tmp_path):
     trace, _ = packaged
     replace(trace, meta=trace.meta | told).save(tmp_path / 'spoilt.npz')
     with pytest.raises(TraceError, match=r'spoilt.npz: the data of its cell cannot be read$'):

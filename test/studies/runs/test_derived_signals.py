@@ -1,4 +1,4 @@
-"""Facts about derived signals: the master is that of the plan, speed and acceleration are those of the TCP."""
+"""Tests of derived signals: the master is that of the plan, speed and acceleration are those of the TCP."""
 
 import json
 
@@ -64,7 +64,7 @@ def test_cycles_that_a_recording_lacks_leave_no_spike(trace):
     assert np.linalg.norm(found['tcp_velocity'] - whole['tcp_velocity'][keep], axis=1).max() < 0.02
 
 
-def test_what_a_trace_holds_stays_as_it_is_and_what_it_cannot_tell_is_left_out(trace):
+def test_trace_signals_stay_unchanged_and_unknown_ones_are_left_out(trace):
     twice = derived_signals.added(derived_signals.added(trace))
     for name, values in derived_signals.added(trace).signals.items():
         np.testing.assert_array_equal(twice[name], values)

@@ -1,4 +1,4 @@
-"""Facts about what the inputs of a study mean."""
+"""Tests of what the inputs of a study mean."""
 
 from pathlib import Path
 
@@ -11,14 +11,14 @@ def bag(folder):
     return str(folder)
 
 
-def test_a_folder_of_bags_stands_for_them_and_everything_else_for_itself(tmp_path):
+def test_folder_of_bags_expands_to_them_and_other_arguments_stay(tmp_path):
     bags = [bag(tmp_path / 'hall' / name) for name in ('robot2', 'robot1')]
     assert bags_in(str(tmp_path / 'hall')) == sorted(bags)
     for one in (bags[0], 'packaging', str(tmp_path / 'nothing'), str(tmp_path)):
         assert bags_in(one) == [one]
 
 
-def test_a_folder_that_cannot_be_read_stands_for_itself(tmp_path, monkeypatch):
+def test_unreadable_folder_is_passed_on_as_argument(tmp_path, monkeypatch):
     def refuse(_):
         raise PermissionError(13, 'Permission denied')
 

@@ -1,4 +1,4 @@
-"""Facts about measurements that know no bus cycle: their grid, their gaps, and what is computed from them."""
+"""Tests of measurements that know no bus cycle: their grid, their gaps, and what is computed from them."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_an_even_measurement_keeps_its_numbers_its_period_and_its_origin(period,
     assert found.meta['notices'] == []
 
 
-def test_a_gap_stays_one_and_is_told():
+def test_gap_remains_and_is_reported():
     rows = np.setdiff1d(np.arange(1000), [*range(300, 320), 500])
     found = measured.on_grid(trace_at(2.0 + 1e-3 * rows), 'a')
     assert np.rint(found.time_s / 1e-3).astype(int).tolist() == rows.tolist()

@@ -1,4 +1,4 @@
-"""Facts about a run with an oscilloscope in every drive: it is the run of the simulation."""
+"""Tests of a run with an oscilloscope in every drive: it is the run of the simulation."""
 
 import numpy as np
 import pytest
@@ -31,6 +31,6 @@ def test_it_has_the_bits_of_the_simulation_also_with_what_is_gripped(feed_forwar
     np.testing.assert_array_equal(found.tcp_error, trace['tcp_error'][:cycles])
 
 
-def test_a_field_that_is_no_number_is_refused_by_name(robot):
+def test_non_numeric_field_is_rejected_by_name(robot):
     with pytest.raises(ValueError, match='brake_release is an integer field'):
         Oscilloscope(Robot(robot), 1, ['speed_reference', 'brake_release'])

@@ -1,4 +1,4 @@
-"""Facts about sampled trajectories that are played: how close, how smooth, and what is refused with time and place."""
+"""Tests of sampled trajectories that are played: how close, how smooth, and what is refused with time and place."""
 
 import itertools
 import re
@@ -176,7 +176,7 @@ def test_a_gap_is_named(run, robot):
         reference.of(Trace(run.time_s, torn), 'a', robot)
 
 
-def test_noise_that_nothing_could_follow_is_refused_in_one_sentence(robot):
+def test_noise_that_nothing_could_follow_is_rejected_in_one_sentence(robot):
     rng = np.random.default_rng(2)
     time_s = np.arange(20_000) * 1e-3
     ramp = np.sin(np.pi * time_s / time_s[-1]) ** 2
@@ -208,7 +208,7 @@ def noisy(run):
     return Trace(run.time_s + ORIGIN_S, {'tcp_command': run['tcp_command'] + noise_m})
 
 
-def test_noise_is_refused_and_smoothed_away_without_delay(run, robot):
+def test_noise_is_rejected_and_smoothed_away_without_delay(run, robot):
     with pytest.raises(ProgramError, match=r'must be at rest there|the limit is'):
         played(noisy(run), robot)
     found = reference.of(noisy(run), 'a.csv', robot, 40.0)
@@ -230,7 +230,7 @@ def test_noise_is_refused_and_smoothed_away_without_delay(run, robot):
     assert left[1] < min(left[0], left[2])
 
 
-def test_a_low_pass_beyond_half_the_rate_is_refused(run, robot):
+def test_a_low_pass_beyond_half_the_rate_is_rejected(run, robot):
     with pytest.raises(
         ProgramError,
         match=r'^a\.csv has 1000 samples per second: the cut-off frequency must be below 500 Hz, not 600 Hz$',

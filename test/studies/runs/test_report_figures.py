@@ -1,4 +1,4 @@
-"""Facts about figures in reports: each against an independent computation of what its name says."""
+"""Tests of figures in reports: each against an independent computation of what its name says."""
 
 import math
 
@@ -89,7 +89,7 @@ CAUSES = {
 NEEDED = {'needed_of_peak_m': 0.01, 'needed_momentary_m': 0.002, 'target_percent': 10.0}
 
 
-def test_the_sentence_about_inexact_lengths_tells_theirs():
+def test_sentence_on_inexact_lengths_names_them():
     row = {
         'exact': of_peak(0.011, 0.022),
         'inexact': of_peak(7.7, 8.8),
@@ -355,7 +355,7 @@ def test_a_deviation_is_robot_less_model(compared):
     assert compared.deviation('current').tobytes() == expected.tobytes()
 
 
-def test_alone_and_left_out_are_what_comes_with_and_what_goes_with_an_effect():
+def test_effects_alone_and_left_out_show_their_gain_and_loss():
     names = tuple(EFFECTS)[:2]
     # v of no effect, the first, the second, both: they do not superpose
     outcome = outcome_of(('current', 'max'), names, 1.0, np.array([3.0, 10.0, 5.0, 20.0]))

@@ -1,4 +1,4 @@
-"""Facts about two runs side by side: how they are brought to one time, and how far they are apart."""
+"""Tests of two runs side by side: how they are brought to one time, and how far they are apart."""
 
 from dataclasses import replace
 
@@ -114,7 +114,7 @@ def test_a_run_that_ends_before_the_other_is_not_the_same(one):
         assert (found.same, found.equal, found.uncompared) == (False, True, 7)
 
 
-def test_runs_without_a_common_signal_or_time_are_refused_in_one_sentence(one):
+def test_runs_without_a_common_signal_or_time_are_rejected_in_one_sentence(one):
     alone = replace(one, window=replace(one.window, signals={'current': one.window['current']}))
     other = replace(one, window=replace(one.window, signals={'tcp_true': one.window['tcp_true']}))
     with pytest.raises(TraceError, match=r'^experiment1 and experiment1 have no signal in common$'):
@@ -150,7 +150,7 @@ def test_moves_are_compared_by_their_number(one, built):
     assert document['moves'][0]['current_peak_a'][1] == move_figures(built, built.moves[0]).current_peak_a
 
 
-def test_what_is_not_recorded_is_none_in_the_document(one, tmp_path):
+def test_unrecorded_value_is_null_in_the_document(one, tmp_path):
     trace_file.save(replace(one.whole, signals={'current': one.whole['current']}), tmp_path / 'a.npz')
     few = runs.load(str(tmp_path / 'a.npz'))
     row = to_document(compare(few, few), few, few)['moves'][0]

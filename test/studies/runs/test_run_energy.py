@@ -1,4 +1,4 @@
-"""Facts about the energy of a run: it is nearly that of its plan."""
+"""Tests of the energy of a run: it is nearly that of its plan."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from delta3_pacdrive.studies.places.planning import evaluation
 from delta3_pacdrive.studies.runs.run_signals import NEEDED, energy_of_round
 
 
-def test_a_run_takes_what_its_plan_tells(robot):
+def test_run_takes_the_values_of_its_plan(robot):
     program = programs.load('packaging', robot.motion)
     run = energy_of_round(simulation.run(program, robot), robot, program.repeat)
     plan = evaluation.of_program(program, simulation.placed(robot, program)).energy
@@ -20,11 +20,11 @@ def test_a_run_takes_what_its_plan_tells(robot):
     assert run.drawn_j - run.returned_j == pytest.approx(run.lost_j, rel=0.05)
 
 
-def test_a_trace_without_currents_tells_no_energy(robot):
+def test_trace_without_currents_yields_no_energy(robot):
     assert energy_of_round(Trace(np.zeros(1), {}, {}), robot, 1) is None
 
 
-def test_a_trace_that_lacks_a_cycle_of_the_program_tells_no_energy(robot):
+def test_trace_with_a_missing_cycle_yields_no_energy(robot):
     program = programs.load('experiment1', robot.motion)
     whole = simulation.run(program, robot)
     assert energy_of_round(whole, robot, 1).copper_j > 0.0

@@ -65,7 +65,7 @@ def test_a_run_of_a_rotary_axis_has_one_figure_more(turning: Trace, tmp_path: Pa
     assert {path.name for path in paths} == {*PROMISED, 'turn.png'}
 
 
-def test_the_figure_of_the_turn_is_drawn_by_itself(turning: Trace, tmp_path: Path) -> None:
+def test_figure_of_the_rotation_is_drawn_separately(turning: Trace, tmp_path: Path) -> None:
     asked = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')), ['turn_position'])
     assert [path.name for path in asked] == ['turn.png']
 
@@ -81,7 +81,7 @@ def test_a_run_without_a_rotary_axis_has_no_turn_to_draw(trace: Trace, tmp_path:
         run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')), ['turn_position'])
 
 
-def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None:
+def test_saved_trace_is_restored_to_the_bit(trace: Trace, tmp_path: Path) -> None:
     trace.save(tmp_path / 'run.npz')
     loaded = trace_file.load(tmp_path / 'run.npz')
     np.testing.assert_array_equal(loaded.time_s, trace.time_s)
@@ -92,7 +92,7 @@ def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize('suffix', some(['npz', 'csv'], ['csv']))
-def test_what_is_plotted_stands_beside_the_pictures_and_says_where_it_comes_from(
+def test_plotted_data_is_written_next_to_the_figures_with_its_origin(
     suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / f'run.{suffix}'
@@ -111,7 +111,7 @@ def test_what_is_plotted_stands_beside_the_pictures_and_says_where_it_comes_from
 
 
 @pytest.mark.parametrize('name', ['nowhere', 'nowhere.npz', 'text.npz', 'empty_folder'])
-def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> None:
+def test_invalid_recording_gets_one_sentence(name: str, tmp_path: Path) -> None:
     (tmp_path / 'text.npz').write_text('no trace')
     (tmp_path / 'empty_folder').mkdir()
     with pytest.raises(TraceError) as refusal:
@@ -121,7 +121,7 @@ def test_what_is_no_recording_gets_one_sentence(name: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize('name', ['run.xlsx', 'run', 'run.npz.bak'])
-def test_a_trace_that_would_not_be_what_its_name_says_is_refused_by_name(
+def test_trace_in_conflict_with_its_file_name_is_rejected_by_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / name
@@ -292,7 +292,7 @@ def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Pa
         (['--from', '100', '--to', '101'], 1, 'contains no cycle of that window: it goes from -0.12 to'),
     ],
 )
-def test_what_cannot_be_shown_is_refused_in_a_sentence(
+def test_what_cannot_be_shown_is_rejected_in_a_sentence(
     arguments: list[str],
     status: int,
     sentence: str,

@@ -1,4 +1,4 @@
-"""Facts about runs by their names: what a recording or a program tells, and what it does not."""
+"""Tests of runs by their names: what a recording or a program tells, and what it does not."""
 
 import json
 import math
@@ -124,7 +124,7 @@ def bag(plan, recorded):
     return recorded(arrivals)
 
 
-def test_a_program_tells_moves_outputs_and_its_start(program):
+def test_program_yields_moves_outputs_and_start(program):
     run = runs.load(str(program))
     assert (run.kind, run.title, run.knows_start) == ('program', 'two moves', True)
     assert [(move.number, move.kind) for move in run.moves] == [(1, 'line'), (2, 'dwell')]
@@ -144,7 +144,7 @@ def test_a_program_tells_moves_outputs_and_its_start(program):
     assert run.parameter_source == 'model'
 
 
-def test_a_program_tells_what_limits_each_of_its_moves_in_every_round(program):
+def test_program_reports_the_limits_of_each_move_in_every_round(program):
     path = program.with_name('twice.yaml')
     path.write_text(PROGRAM + '  - move_l: {to_m: [0.0, 0.0, -0.78]}\nrepeat: 2\n', encoding='utf-8')
     limits = [move.limited_by for move in runs.load(str(path)).moves]
@@ -153,7 +153,7 @@ def test_a_program_tells_what_limits_each_of_its_moves_in_every_round(program):
     assert limits[3:] == limits[:3]
 
 
-def test_a_trace_tells_what_its_simulation_told(program, tmp_path, robot):
+def test_trace_has_the_results_of_its_simulation(program, tmp_path, robot):
     loaded = programs.load(program, robot.motion)
     changed = robot.replace(drive__position_gain_rad_s_rad=150.0)
     trace = simulation.run(loaded, changed)
@@ -166,7 +166,7 @@ def test_a_trace_tells_what_its_simulation_told(program, tmp_path, robot):
         assert run.robot_note == ''
 
 
-def test_a_trace_of_before_tells_whose_parameters_are_shown(tmp_path, robot):
+def test_older_trace_names_the_parameters_in_use(tmp_path, robot):
     trace = simulation.run(programs.load('experiment1', robot.motion), robot)
     for absent in ('parameters', 'moves', 'outputs', 'faults'):
         del trace.meta[absent]
@@ -179,7 +179,7 @@ def test_a_trace_of_before_tells_whose_parameters_are_shown(tmp_path, robot):
     assert other.moves == ()
 
 
-def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
+def test_bag_yields_moves_holds_outputs_faults_and_trips_by_cycle(bag):
     run = runs.load(str(bag))
     assert (run.kind, run.robot_note) == ('bag', '')
     (move,) = run.moves  # it is held on the first one
@@ -199,7 +199,7 @@ def test_a_bag_tells_moves_holds_outputs_faults_and_trips_by_their_cycles(bag):
     assert [mark.sources for mark in run.marks if mark.kind == 'fault'] == [(), ('axis1',)]
 
 
-def test_a_bag_tells_what_limited_its_moves_and_what_its_drives_told(bag, program):
+def test_bag_yields_limits_of_moves_and_reports_of_drives(bag, program):
     run = runs.load(str(bag))
     assert run.moves[0].limited_by == runs.load(str(program)).moves[0].limited_by != ''
     # the bag begins before the program
@@ -207,7 +207,7 @@ def test_a_bag_tells_what_limited_its_moves_and_what_its_drives_told(bag, progra
     assert run.drives[0][0].time_s == pytest.approx((90 - STARTS) * 1e-3)
 
 
-def test_a_bag_of_an_unknown_robot_does_not_tell_what_limited_its_moves(bag):
+def test_bag_of_an_unknown_robot_reports_no_limits_of_moves(bag):
     meta = bag / 'metadata.yaml'
     meta.write_text(meta.read_text().replace('checksum', 'cheksum').replace('parameters', 'paramters'))
     run = runs.load(str(bag))
@@ -215,14 +215,14 @@ def test_a_bag_of_an_unknown_robot_does_not_tell_what_limited_its_moves(bag):
     assert [move.limited_by for move in run.moves] == ['']
 
 
-def test_a_program_tells_the_states_of_its_drives(program):
+def test_program_reports_states_of_its_drives(program):
     for changes in runs.load(str(program)).drives:
         told = [(change.state, change.released) for change in changes]
         assert told[-1] == ('ENABLED', True)
         assert told[0][0] in ('NOT_READY', 'READY')
 
 
-def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
+def test_bag_yields_moves_appended_during_motion(tmp_path, robot):
     lines = [
         MoveL(Target(point), limits=Limits(0.5, 12.0, 400.0))
         for point in ((0.01, 0, -0.75), (0.01, 0.01, -0.75))
@@ -263,7 +263,7 @@ def phase(session):
 
 
 @pytest.mark.parametrize('with_plan', [False, True])
-def test_what_was_played_back_meanwhile_is_none_of_this_robot(with_plan, plan, recorded):
+def test_messages_played_back_meanwhile_are_ignored(with_plan, plan, recorded):
     timeline, other = Timeline(plan, 1e-3), Timeline(plan, 1e-3)
     timeline.start(STARTS)
     other.start(50)
@@ -282,7 +282,7 @@ def test_what_was_played_back_meanwhile_is_none_of_this_robot(with_plan, plan, r
     assert run.whole.meta['starts'] == [STARTS]
 
 
-def test_a_lost_row_loses_the_moves_of_its_program_only_and_is_told(plan, recorded):
+def test_lost_row_removes_only_the_moves_of_its_program_and_is_reported(plan, recorded):
     first, second = Timeline(plan, 1e-3), Timeline(plan, 1e-3)
     first.start(STARTS)
     first.change(first.stop(HELD))
@@ -304,7 +304,7 @@ def test_a_lost_row_loses_the_moves_of_its_program_only_and_is_told(plan, record
     assert [mark.text for mark in run.marks].count('stop on the path') == 2
 
 
-def test_a_plan_that_lacks_a_row_loses_its_moves_and_is_told(plan, recorded):
+def test_plan_without_a_row_loses_its_moves_and_is_reported(plan, recorded):
     timeline = Timeline(plan, 1e-3)
     timeline.start(STARTS)
     run = runs.load(str(recorded([*ordered(plan)[1:], ('motion/course', followed(timeline.profile, 1))])))
@@ -327,7 +327,7 @@ SPOILT = {
 
 
 @pytest.mark.parametrize('case', SPOILT)
-def test_a_message_of_somebody_who_does_not_know_how_is_not_there(case, plan, recorded):
+def test_malformed_message_is_ignored(case, plan, recorded):
     topic, words = SPOILT[case]
     data = bytes(STORE.serialize_cdr(STORE.types[TEXT](words), TEXT))
     timeline = Timeline(plan, 1e-3)
@@ -339,7 +339,7 @@ def test_a_message_of_somebody_who_does_not_know_how_is_not_there(case, plan, re
     assert len(run.moves) == 2
 
 
-def test_messages_that_are_missing_or_spoilt_are_told_in_one_note(tmp_path):
+def test_missing_and_damaged_messages_are_reported_in_one_note(tmp_path):
     meta = META | {'lost': {'sercos/mdt': 3, 'tcp/error': 5}}
     run = runs.load(str(record(tmp_path / 'lossy', messages(), meta)))
     assert run.notes == ('8 messages of 2 topics are missing, most of tcp/error: 5',)
@@ -368,7 +368,7 @@ def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
     assert run.window.time_s[-1] == pytest.approx(stood + 0.6, abs=5e-3)
 
 
-def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
+def test_invalid_run_is_rejected_in_one_sentence(tmp_path, program, robot):
     with pytest.raises(ProgramError, match='nothing'):
         runs.load('nothing')
     (tmp_path / 'empty').mkdir()
@@ -399,9 +399,7 @@ def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
         ({'notices': 7}, r'notices.npz: the data of its moves, outputs, faults or notes cannot be read$'),
     ],
 )
-def test_a_trace_that_tells_nonsense_of_itself_is_refused_in_one_sentence(
-    told, sentence, tmp_path, program, robot
-):
+def test_trace_with_invalid_metadata_is_rejected_in_one_sentence(told, sentence, tmp_path, program, robot):
     path = tmp_path / f'{list(told)[-1]}.npz'
     trace = simulation.run(programs.load(program, robot.motion), robot)
     Trace(trace.time_s, trace.signals, trace.meta | told).save(path)
@@ -409,7 +407,7 @@ def test_a_trace_that_tells_nonsense_of_itself_is_refused_in_one_sentence(
         runs.load(str(path))
 
 
-def test_runs_get_names_that_tell_them_apart(program):
+def test_runs_get_distinguishable_names(program):
     nominal, built = runs.load('experiment1'), runs.load('experiment1', 'rich')
     one = runs.load(str(program))
     assert runs.named([one]) == ['two.yaml']

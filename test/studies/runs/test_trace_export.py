@@ -1,4 +1,4 @@
-"""Facts about recordings for other tools: patterns, windows, decimation, and what is computed on request."""
+"""Tests of recordings for other tools: patterns, windows, decimation, and what is computed on request."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_patterns_choose_and_all_is_everything(trace):
     assert trace_export.chosen(trace, None, 'a') is trace
 
 
-def test_a_signal_that_there_is_not_is_refused_with_the_nearest_name(trace):
+def test_a_signal_that_there_is_not_is_rejected_with_the_nearest_name(trace):
     with pytest.raises(TraceError, match=r"^there is no signal 'tcp_sped': did you mean tcp_speed\?$"):
         trace_export.require_known(['current', 'tcp_sped'])
     with pytest.raises(TraceError, match=r"^a contains no signal 'motor_speed'$"):
@@ -35,7 +35,7 @@ def test_a_signal_that_there_is_not_is_refused_with_the_nearest_name(trace):
         trace_export.chosen(trace, ['payload'], 'a')
 
 
-def test_speed_and_status_words_are_computed_for_who_asks(trace):
+def test_speed_and_status_words_are_computed_on_request(trace):
     assert trace_export.completed(trace).signals.keys() == {
         *trace.signals, 'tcp_velocity', 'tcp_acceleration'
     }  # fmt: skip

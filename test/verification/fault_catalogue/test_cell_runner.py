@@ -1,4 +1,4 @@
-"""Facts about what goes wrong in cells: each case of the catalogue leads to what it has to, and is judged strictly."""
+"""Tests of what goes wrong in cells: each case of the catalogue leads to what it has to, and is judged strictly."""
 
 from dataclasses import replace
 
@@ -15,14 +15,14 @@ def robot():
 
 
 @pytest.mark.parametrize('case', CASES, ids=lambda case: case.text)
-def test_each_case_leads_to_its_sentence_and_its_parts_and_the_script_goes_on(robot, case):
+def test_each_case_gives_its_message_and_parts_and_the_script_continues(robot, case):
     row = run_case(case, robot).to_row()
     assert row['ok'], faults.line_of(row)
     assert row['recovered_s'] is not None
     assert row['deviation_m'] < 0.5e-3
 
 
-def test_a_case_that_is_told_something_else_is_not_as_expected(robot):
+def test_case_with_another_reply_is_not_as_expected(robot):
     (sticks,) = cases('input sticks')
     for other in (
         replace(sticks, code='belt'),

@@ -1,4 +1,4 @@
-"""Facts about the continuous approximation of the velocity loop, and what the drive has beyond it."""
+"""Tests of the continuous approximation of the velocity loop, and what the drive has beyond it."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Facts about what a measured response is worth, what excites it, and what the loads are called."""
+"""Tests of what a measured response is worth, what excites it, and what the loads are called."""
 
 import math
 
@@ -64,7 +64,7 @@ def test_the_trusted_band_is_the_longest_in_octaves():
     assert measured(frequencies, 0.1, 10_000).band_hz() is None
 
 
-def test_a_small_open_loop_is_known_worse_than_the_sensitivity_it_comes_from():
+def test_small_open_loop_is_less_certain_than_its_sensitivity():
     sensitivity = measured([1.0, 2.0], 0.99, values=np.array([0.5, 0.9], np.complex128))
     loop = opened(sensitivity)
     assert loop.values == pytest.approx(np.array([1.0, 1.0 / 9.0]))

@@ -1,4 +1,4 @@
-"""Facts about a single motor (8.2): one MC-4, one motor, a load in place of the arms."""
+"""Tests of a single motor (8.2): one MC-4, one motor, a load in place of the arms."""
 
 import dataclasses
 import json
@@ -182,7 +182,7 @@ def test_a_trace_as_csv_holds_the_same_numbers(as_in_robot, tmp_path):
         (['pick_with_faults.yaml', '--one-motor'], 'injects faults'),
     ],
 )
-def test_what_a_single_motor_cannot_do_is_refused_in_one_sentence(
+def test_what_a_single_motor_cannot_do_is_rejected_in_one_sentence(
     arguments, told, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

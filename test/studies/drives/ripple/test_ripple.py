@@ -1,4 +1,4 @@
-"""Facts about the ripple of the currents: what the AT tell, what there is, and what happens inside a bus cycle."""
+"""Tests of the ripple of the currents: what the AT tell, what there is, and what happens inside a bus cycle."""
 
 import csv
 import json
@@ -42,7 +42,7 @@ def case_of(document, cycle_time_s, interpolation):
 
 
 @pytest.mark.parametrize('cycle_time_s', FOUND)
-def test_all_samples_tell_of_twice_the_current_where_the_at_tell_of_half(cycle_time_s, document):
+def test_all_samples_show_twice_the_current_where_the_at_show_half(cycle_time_s, document):
     linear, cubic = (case_of(document, cycle_time_s, name) for name in ('linear', 'cubic'))
     found = linear['current_peak_a'][0], linear['current_rms_a'][0]
     assert found == pytest.approx(FOUND[cycle_time_s], abs=0.005)
@@ -128,7 +128,7 @@ def test_the_picture_shows_one_cycle_before_and_one_after_with_the_samples_of_th
         assert at[time_ms] == pytest.approx(samples[time_ms], rel=1e-12)
 
 
-def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys):
+def test_requested_motor_is_shown(tmp_path, capsys):
     program, folder = tmp_path / 'short.yaml', tmp_path / 'out'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0.05, -0.8]}}]\n')
     case = ['--cycle-time', '1', '--interpolation', 'linear', '--axis', '3']
@@ -151,14 +151,14 @@ def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys):
         (['no_such_program'], 'no_such_program'),
     ],
 )
-def test_what_cannot_be_shown_is_refused_in_one_sentence(arguments, told, tmp_path, capsys):
+def test_what_cannot_be_shown_is_rejected_in_one_sentence(arguments, told, tmp_path, capsys):
     assert main(['ripple', *arguments, '--output', str(tmp_path / 'out')]) == 1
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith('error: ')
     assert told in error
 
 
-def test_a_program_with_faults_is_refused(tmp_path, capsys):
+def test_a_program_with_faults_is_rejected(tmp_path, capsys):
     program = tmp_path / 'program.yaml'
     program.write_text(
         'moves: [{dwell: {time_s: 0.1}}]\nfaults: [{fault: drop_mdt, axis: axis1, after_s: 0.05}]\n'

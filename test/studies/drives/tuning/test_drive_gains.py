@@ -1,4 +1,4 @@
-"""Facts about gains that are applied to drives: all of them or none, and back again; no robot is needed to show it."""
+"""Tests of gains that are applied to drives: all of them or none, and back again; no robot is needed to show it."""
 
 import itertools
 import json
@@ -109,7 +109,7 @@ def test_what_falls_is_written_before_what_rises_and_a_filter_in_between(drives,
 
 
 @pytest.mark.parametrize('first', [DEFAULT, GAINS], ids=['without a filter', 'from another filter'])
-def test_a_robot_in_torque_is_stable_with_every_set_on_the_way_there_and_back(first, drives, tmp_path):
+def test_robot_in_torque_is_stable_with_every_gain_set_on_the_way_there_and_back(first, drives, tmp_path):
     robot = parameters.load('rich')
     candidates = Candidates(robot, [exact_shaft(robot, load, 10.0) for load in spread(robot, 2.0)[::2]])
     drives.has = {axis: dict(first) for axis in AXES}
@@ -133,7 +133,7 @@ def test_a_robot_in_torque_is_stable_with_every_set_on_the_way_there_and_back(fi
 
 
 @pytest.mark.parametrize('number', range(15))
-def test_a_refusal_at_any_write_leaves_all_drives_as_they_were_and_says_so(number, drives, tmp_path):
+def test_rejected_write_restores_all_drives_and_reports_it(number, drives, tmp_path):
     once = itertools.count()
     drives.refuses = lambda axis, name, done: done == number and next(once) == 0
     with pytest.raises(TuningError, match=r'8503: .*refused; all drives have their previous values'):
@@ -144,7 +144,7 @@ def test_a_refusal_at_any_write_leaves_all_drives_as_they_were_and_says_so(numbe
 
 @pytest.mark.parametrize('number', [1, 8, 15])
 @pytest.mark.parametrize('error', [RunError, RunInterruptedError])
-def test_a_drive_that_has_obeyed_without_an_answer_gets_back_what_it_had(error, number, drives, tmp_path):
+def test_drive_without_a_reply_to_a_write_is_restored(error, number, drives, tmp_path):
     drives.lost = lambda done: error('answer of the service channel did not come') if done == number else None
     with pytest.raises(TuningError, match=r'did not come; all drives have their previous values'):
         applied.apply(GAINS, drives, '/', tmp_path)
@@ -172,7 +172,7 @@ def test_what_cannot_be_taken_back_is_named_with_what_it_was(drives, tmp_path):
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
 
 
-def test_who_is_ended_in_the_middle_can_undo_what_was_written(drives, tmp_path):
+def test_interrupted_writer_can_restore_the_old_values(drives, tmp_path):
     def end(axis, name, done):
         if done == 7:
             raise KeyboardInterrupt
@@ -218,7 +218,7 @@ def test_gains_of_another_robot_in_the_folder_keep_their_record(drives, tmp_path
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
 
 
-def test_what_somebody_else_has_changed_is_not_undone(drives, tmp_path):
+def test_change_by_another_client_is_not_undone(drives, tmp_path):
     applied.apply(GAINS, drives, '/', tmp_path)
     drives.has['axis2']['position_gain_rad_s_rad'] = 41.0
     with pytest.raises(
@@ -231,7 +231,7 @@ def test_what_somebody_else_has_changed_is_not_undone(drives, tmp_path):
 @pytest.mark.parametrize(
     'content', ['', '{}', '[1]', '{"robot": {"before": {}, "after": {}}}', '{"robot": 3}']
 )
-def test_a_record_that_is_damaged_is_refused(content, drives, tmp_path):
+def test_a_record_that_is_damaged_is_rejected(content, drives, tmp_path):
     (tmp_path / applied.FILE).write_text(content)
     with pytest.raises(TuningError, match='is not a record of applied gains'):
         applied.undo(drives, tmp_path)
@@ -240,7 +240,7 @@ def test_a_record_that_is_damaged_is_refused(content, drives, tmp_path):
     assert not drives.written
 
 
-def test_a_record_of_names_that_no_drive_has_is_refused(drives, tmp_path):
+def test_a_record_of_names_that_no_drive_has_is_rejected(drives, tmp_path):
     values = {axis: {'gravity': 1.0} for axis in AXES}
     record = {'robot': {'namespace': '/', 'before': values, 'after': values}}
     (tmp_path / applied.FILE).write_text(json.dumps(record))
@@ -257,7 +257,7 @@ def test_nothing_applied_is_nothing_undone_and_no_gains_are_nothing_to_apply(tmp
 
 
 @pytest.mark.parametrize('text', ['a: 1\n', '/**:\n  ros__parameters:\n    drive: {gravity: 1.0}\n', '- 1\n'])
-def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
+def test_a_file_that_holds_no_gains_is_rejected(text, tmp_path):
     (tmp_path / gains.FILE).write_text(text)
     with pytest.raises(TuningError, match=r'gains of --propose|which is not a parameter of a drive'):
         gains.read(tmp_path)
@@ -286,7 +286,7 @@ def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
         (('--namespace', '/a'), '--namespace requires --apply without a file'),
     ],
 )
-def test_options_that_do_not_fit_are_refused(arguments, told, capsys):
+def test_options_that_do_not_fit_are_rejected(arguments, told, capsys):
     with pytest.raises(SystemExit) as caught:
         main(['tune', *arguments])
     assert caught.value.code == 2

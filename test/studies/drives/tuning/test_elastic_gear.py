@@ -1,4 +1,4 @@
-"""Facts about loops around an elastic gear, linear and on the bench, and about what disturbs a drive."""
+"""Tests of loops around an elastic gear, linear and on the bench, and about what disturbs a drive."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_a_gear_is_that_of_the_built_robot_seen_from_the_motor_and_a_nominal_rob
     assert gear_of(built.replace(rich__gear=False)) is None
 
 
-def test_the_motor_swings_against_its_arm_where_spring_and_inertias_say(built, home):
+def test_motor_oscillates_against_its_arm_at_the_frequency_of_spring_and_inertias(built, home):
     gear, arm = gear_of(built), home.inertia_kg_m2 - gear_of(built).rotor_kg_m2
     loops = linear_cascade(built, exact_shaft(built, home, SPEED_RAD_S), Entry.CURRENT_SET_POINT)
     frequencies = np.geomspace(40.0, 600.0, 2000)
@@ -85,7 +85,7 @@ def test_default_gains_leave_the_built_robot_hardly_more_than_a_decibel(built):
 
 
 @pytest.mark.parametrize('notch', some([0.0, 210.0], [210.0]))
-def test_the_drive_on_the_bench_behind_a_gear_agrees_with_its_linear_loops(notch, built, home):
+def test_drive_on_the_bench_with_elastic_gear_agrees_with_its_linear_loops(notch, built, home):
     filtered = built.replace(drive__notch_1_frequency_hz=notch, drive__notch_1_damping=0.7)
     # free of noise and ripple: what is left differs by the loops alone
     clean = filtered.replace(rich__sensors=False, rich__ripple=False)
@@ -100,7 +100,7 @@ def test_the_drive_on_the_bench_behind_a_gear_agrees_with_its_linear_loops(notch
 
 
 @pytest.mark.parametrize('name', ['delta3', 'rich'])
-def test_a_load_step_on_the_bench_moves_the_shaft_as_its_difference_equations_say(name):
+def test_load_step_on_the_bench_follows_the_difference_equations(name):
     robot = load(name).replace(rich__sensors=False, bus__exchange_period_s=125e-6)
     here = load_at(robot.motion.home_m, 0, robot)
     bench = Bench(robot, here, Place.POSITION, SPEED_RAD_S)
@@ -129,7 +129,7 @@ def test_more_integral_gain_brings_a_loaded_shaft_back_sooner_and_an_unstable_dr
     assert rejection(robot.replace(drive__velocity_gain_a_s_rad=5.0), shaft) is None
 
 
-def test_noise_of_the_encoder_makes_the_current_that_is_told(built):
+def test_encoder_noise_causes_the_reported_current(built):
     noisy = built.replace(
         rich__gear=False, rich__friction=False, rich__ripple=False, rich__encoder_error_rad=0.0,
         rich__current_noise_a=0.0, rich__current_offset_a=[0.0] * 3, rich__current_gain_error=[0.0] * 3,

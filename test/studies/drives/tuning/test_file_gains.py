@@ -1,4 +1,4 @@
-"""Facts about gains that are written into a parameter file: its other lines stay, and it comes back as it was."""
+"""Tests of gains that are written into a parameter file: its other lines stay, and it comes back as it was."""
 
 import shutil
 
@@ -35,7 +35,7 @@ def test_the_values_change_and_every_other_line_stays(file, robot):
     assert parameters.load(file) == expected
 
 
-def test_the_file_comes_back_byte_by_byte_and_nothing_is_left_beside_it(file):
+def test_file_is_restored_byte_by_byte_without_leftovers(file):
     before = file.read_bytes()
     gains_in_file.apply(GAINS, file)
     gains_in_file.apply(GAINS | {'position_gain_rad_s_rad': 40.0}, file)
@@ -66,7 +66,7 @@ def test_a_value_that_is_missing_is_added_to_its_group(tmp_path):
         '/**:\n  ros__parameters:\n    drive:\n      "position_gain_rad_s_rad": 60.0\n',
     ],
 )
-def test_a_file_that_cannot_be_changed_line_by_line_is_refused_and_stays(text, tmp_path):
+def test_a_file_that_cannot_be_changed_line_by_line_is_rejected_and_stays(text, tmp_path):
     path = tmp_path / 'strange.yaml'
     path.write_text(text)
     with pytest.raises(TuningError, match=r'strange\.yaml'):
@@ -108,13 +108,13 @@ def test_a_robot_that_could_not_be_loaded_any_more_keeps_its_gains(values, told,
         ('{}', 'contains no gains of --propose'),
     ],
 )
-def test_values_that_no_drive_can_have_are_refused_before_anything_is_changed(drive, told, tmp_path):
+def test_values_that_no_drive_can_have_are_rejected_before_anything_is_changed(drive, told, tmp_path):
     (tmp_path / 'gains.yaml').write_text(f'/**:\n  ros__parameters:\n    drive: {drive}\n')
     with pytest.raises(TuningError, match=told):
         gains.read(tmp_path)
 
 
-def test_what_is_no_parameter_file_is_refused(tmp_path):
+def test_invalid_parameter_file_is_rejected(tmp_path):
     with pytest.raises(ParameterError):
         gains_in_file.apply(GAINS, tmp_path / 'missing.yaml')
 

@@ -1,4 +1,4 @@
-"""Facts about gains that are proposed: they keep the margins, on the bench too, and no others are stiffer by much."""
+"""Tests of gains that are proposed: they keep the margins, on the bench too, and no others are stiffer by much."""
 
 import dataclasses
 import itertools
@@ -138,7 +138,7 @@ def test_larger_margins_and_a_larger_payload_cost_stiffness(robots, proposals):
 
 
 @pytest.mark.long
-def test_margins_that_nothing_keeps_are_refused_with_the_nearest(robots):
+def test_margins_that_nothing_keeps_are_rejected_with_the_nearest(robots):
     late = robots['delta3'].replace(drive__current_gain_v_a=75.0)  # the current loop itself is near its end
     with pytest.raises(
         # enough digits to see which margin is missed
@@ -152,7 +152,7 @@ def test_margins_that_nothing_keeps_are_refused_with_the_nearest(robots):
     ('values', 'told'),
     [((9.0, 6.0), 'phase margin is 9 deg'), ((45.0, 21.0), '21 dB'), ((np.nan, 6.0), 'nan')],
 )
-def test_margins_out_of_range_are_refused(values, told):
+def test_margins_out_of_range_are_rejected(values, told):
     with pytest.raises(TuningError, match=told):
         Targets(*values)
 
@@ -177,7 +177,7 @@ def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, p
         (('--propose', '--excite', 'x.npz'), '--excite cannot be combined'),
     ],
 )
-def test_options_that_do_not_fit_auto_are_refused(arguments, told, capsys):
+def test_options_that_do_not_fit_auto_are_rejected(arguments, told, capsys):
     with pytest.raises(SystemExit) as caught:
         main(['tune', *arguments])
     assert caught.value.code == 2

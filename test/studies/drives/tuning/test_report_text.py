@@ -1,4 +1,4 @@
-"""Facts about what a tuning tells of other gains: in words, and in pictures without lines on top of each other."""
+"""Tests of what a tuning tells of other gains: in words, and in pictures without lines on top of each other."""
 
 import copy
 from dataclasses import replace
@@ -33,14 +33,14 @@ def after():
     return copy.deepcopy(BEFORE)
 
 
-def test_nothing_that_has_changed_is_told_as_that(after):
+def test_unchanged_values_are_not_reported_as_changed(after):
     assert changes_in_words(BEFORE, after) == [
         'current, velocity: as before',
         'the program is followed as before',
     ]
 
 
-def test_each_figure_that_has_changed_is_told_with_both_values(after):
+def test_each_changed_figure_is_reported_with_both_values(after):
     after['loops']['velocity'] |= {'crossover_hz': 120.0, 'phase_margin_deg': 65.0, 'gain_margin_db': 14.9}
     after['workspace'][1]['exchanged']['gain_margin_db'] = 6.1
     after['rejection'] = {'peak_rad': 0.008, 'back_s': 0.03, 'noise_a': 0.027}
@@ -57,7 +57,7 @@ def test_each_figure_that_has_changed_is_told_with_both_values(after):
     ]
 
 
-def test_a_loop_that_is_lost_is_told_and_what_is_not_known_is_not(after):
+def test_lost_loop_is_reported_and_unknown_state_is_not(after):
     after['loops']['velocity']['stable'] = False
     after['rejection'] = None
     after['effect']['tcp_error_max_m'] = None

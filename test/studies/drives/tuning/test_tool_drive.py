@@ -1,4 +1,4 @@
-"""Facts about the tuning of the drive of a rotary axis: its load, its loops, its gains, and what they do to a turn."""
+"""Tests of the tuning of the drive of a rotary axis: its load, its loops, its gains, and what they do to a turn."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_the_bar_of_a_built_robot_gives(built, turning):
     assert elastic.margins.gain_margin_db < rigid.margins.gain_margin_db - 3.0
 
 
-def test_gains_that_are_set_are_those_of_its_own_drive(turning):
+def test_written_gains_are_those_of_the_addressed_drive(turning):
     changed = settings.apply(
         [
             settings.parse(text, of_tool=True)
@@ -109,7 +109,7 @@ def test_the_effect_is_that_on_the_turn(turning):
     assert effect.run(program, weak, drive).following_error_max_rad > 2.0 * found.following_error_max_rad
 
 
-def test_what_it_has_not_is_refused(tmp_path):
+def test_what_it_has_not_is_rejected(tmp_path):
     with pytest.raises(
         TuningError, match=r'^--axis is 4, but the robot has no rotary axis \(rotary.present is'
     ):
@@ -131,13 +131,13 @@ def test_what_it_has_not_is_refused(tmp_path):
 @pytest.mark.parametrize(
     'more', [['--pose', '0', '0', '-0.8'], ['--propose'], ['--excite', 'a.npz'], ['--recording', 'a.npz']]
 )
-def test_the_command_says_what_is_for_the_arms(more, capsys):
+def test_options_for_the_arms_are_rejected_for_other_axes(more, capsys):
     with pytest.raises(SystemExit):
         main(['tune', '--axis', '4', '--parameters', 'rotary', *more])
     assert f'error: {more[0]} applies to the arms only, not to --axis 4' in capsys.readouterr().err
 
 
-def test_the_folder_tells_of_the_drive_of_the_tool(tmp_path, capsys):
+def test_folder_describes_the_drive_of_the_tool(tmp_path, capsys):
     folder = tmp_path / 'tuning'
     command = ['tune', '--axis', '4', '--parameters', 'rotary', '--set', 'K_Ppos=60', '--output', str(folder)]
     assert main(command) == 0

@@ -1,4 +1,4 @@
-"""Facts about tuning (7.1, 8.1): two views of the loops agree, margins mean what they say, recordings agree too."""
+"""Tests of tuning (7.1, 8.1): two views of the loops agree, margins mean what they say, recordings agree too."""
 
 import json
 import math
@@ -90,7 +90,7 @@ def test_current_loop_is_the_product_of_its_parts(robot):
 
 
 @pytest.mark.parametrize('changes', some(TUNINGS, TUNINGS[3:]))
-def test_drive_on_the_bench_answers_as_its_equations_say(changes, robot, operation):
+def test_drive_on_the_bench_follows_its_equations(changes, robot, operation):
     for result in analyse(robot.replace(**changes), operation, silent):
         assert result.stable
         assert not result.fault
@@ -136,7 +136,7 @@ def test_margins_of_loops_that_are_known_in_closed_form():
     assert bandwidth(frequencies, 10.0 / (s + 10.0)) == pytest.approx(10.0 / math.tau, rel=1e-3)
 
 
-def test_of_several_crossings_each_gain_margin_is_that_of_its_own():
+def test_each_gain_margin_belongs_to_its_own_crossing():
     def loop(rate):
         s = 1j * rate
         return 8.0 * (s + 1.0) ** 2 / (s**3 * (1.0 + s / 100.0) ** 2)
@@ -249,7 +249,7 @@ def test_recorded_excitation_of_the_robot_shows_the_loops_of_its_modes(name, exc
     assert degree < ROBOT_DEG
 
 
-def test_a_recording_behind_a_notch_filter_shows_the_same_open_loop_in_front_of_it(excited, robot, operation):
+def test_recording_with_notch_filter_shows_the_same_open_loop_before_it(excited, robot, operation):
     notched = robot.replace(drive__notch_1_frequency_hz=300.0, drive__notch_1_depth=0.1)
     every = round(robot.drive.velocity_period_s / robot.drive.current_period_s)
     b0, b1, b2, a1, a2 = coefficients(notches(notched.drive)[0], robot.drive.velocity_period_s)
@@ -348,12 +348,12 @@ def test_every_name_of_a_gain_means_the_same(robot):
     ('text', 'told'),
     [('K_Pvell=1', 'did you mean K_Pvel'), ('K_Pvel', 'NAME=VALUE'), ('K_Pvel=x', 'finite number'), ('=1', 'no drive')],
 )  # fmt: skip
-def test_setting_that_makes_no_sense_is_told_in_one_sentence(text, told):
+def test_nonsensical_setting_is_reported_in_one_sentence(text, told):
     with pytest.raises(TuningError, match=told):
         settings.parse(text)
 
 
-def test_recording_that_allows_nothing_says_what_is_missing(robot, operation, excited):
+def test_recording_without_sufficient_signals_names_the_missing_ones(robot, operation, excited):
     only = Trace(excited.time_s, {'motor_position': excited['motor_position']}, excited.meta)
     with pytest.raises(TuningError, match='current_reference'):
         measured_response.identify(only, 1, robot, operation)
@@ -364,7 +364,7 @@ def test_recording_that_allows_nothing_says_what_is_missing(robot, operation, ex
         settings.apply([settings.parse('K_Pvel=200')], robot)
 
 
-def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, excited):
+def test_command_compares_gains_and_reports_unstable_ones(tmp_path, capsys, excited):
     excited.save(tmp_path / 'trace.npz')
     arguments = ['--set', 'K_Pvel=4', '--sweep', 'K_Ppos=40:80:2', '--recording', str(tmp_path / 'trace.npz')]
     assert tune.main([*arguments, '--output', str(tmp_path / 'out'), '--json']) == 0
@@ -386,7 +386,7 @@ def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, exc
     [['--set', 'foo=1'], ['--pose', '5', '0', '0'], ['--payload', '-1'], ['--speed', '99'], ['--recording', 'no.npz'],
      ['--program', 'nothing'], ['--sweep', 'K_Pvel=0:200:3'], ['--excite', '/no/such/folder/x.npz']],
 )  # fmt: skip
-def test_command_refuses_nonsense_with_one_sentence(arguments, capsys, tmp_path):
+def test_command_rejects_nonsense_with_one_sentence(arguments, capsys, tmp_path):
     assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
     assert capsys.readouterr().err.splitlines()[-1].startswith('error: ')
 
@@ -407,7 +407,7 @@ def studied(monkeypatch):
     return made
 
 
-def test_options_of_the_load_and_the_bench_change_what_they_say(studied, robot, tmp_path, capsys):
+def test_options_of_load_and_bench_change_their_quantities(studied, robot, tmp_path, capsys):
     pose = (0.1, 0.0, -0.8)
     lines = [
         [],
@@ -471,7 +471,7 @@ def excite(arguments, tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
+def test_options_of_an_excitation_change_their_quantities(tmp_path, capsys):
     plain = excite(['--speed', '5'], tmp_path, capsys)
     second = excite(['--speed', '5', '--axis', '2', '--amplitude', '0.5'], tmp_path, capsys)
     position = excite(['--speed', '5', '--place', 'position'], tmp_path, capsys)
@@ -506,7 +506,7 @@ def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
         (['--seed', '-1', '--excite', 'x.npz'], "'-1' must be a whole number between 0"),
     ],
 )
-def test_options_that_cannot_be_obeyed_are_refused_by_name(arguments, sentence, capsys):
+def test_inapplicable_options_are_rejected_by_name(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as end:
         tune.main(arguments)
     assert end.value.code == 2
@@ -522,7 +522,7 @@ def test_options_that_cannot_be_obeyed_are_refused_by_name(arguments, sentence, 
         (['--exchange-period', '2e-3'], 'bus.exchange_period_s is 0.002, but must be between'),
     ],
 )
-def test_numbers_out_of_range_are_refused_with_the_limit(arguments, sentence, capsys, tmp_path):
+def test_numbers_out_of_range_are_rejected_with_the_limit(arguments, sentence, capsys, tmp_path):
     assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
     assert sentence in capsys.readouterr().err
 

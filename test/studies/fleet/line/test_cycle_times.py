@@ -1,4 +1,4 @@
-"""Facts about cycles of robots at belts: tables tell what plans take, and who can be picked from when on."""
+"""Tests of cycles of robots at belts: tables tell what plans take, and who can be picked from when on."""
 
 from dataclasses import replace
 
@@ -64,7 +64,7 @@ def line_of_document(given):
     return specification.parse(given, Path('line.yaml'))
 
 
-def test_a_place_that_no_robot_reaches_is_told_with_the_robot_and_the_type():
+def test_place_out_of_reach_of_all_robots_is_reported_with_robot_and_type():
     given = document(1)
     given['robots']['robot1'] = ROBOT | {'at_m': 0.8, 'place_mm': [0, -900, -830]}
     line = line_of_document(given)
@@ -86,7 +86,7 @@ def test_belt_and_robot_together_keep_the_limit_of_tcp_speed(speed_m_s, accepted
         tables_of(line)
 
 
-def test_a_belt_that_is_as_fast_as_its_robots_is_refused():
+def test_a_belt_that_is_as_fast_as_its_robots_is_rejected():
     line = line_of(1, speed_m_s=4.0)
     with pytest.raises(LineError, match=r'belt infeed runs at 4 m/s, but the limit of its robots is 4 m/s'):
         tables_of(line)

@@ -1,4 +1,4 @@
-"""Facts about shifts: nobody is in two places, parts are picked in reach, and what is missed has its reason."""
+"""Tests of shifts: nobody is in two places, parts are picked in reach, and what is missed has its reason."""
 
 import re
 from dataclasses import replace
@@ -88,7 +88,7 @@ def test_where_there_is_time_for_all_parts_none_is_missed(rule, tables):
     assert (found.robot >= 0).sum() > 300
 
 
-def test_in_turn_both_robots_pick_the_same_and_first_come_the_first_picks_more(tables):
+def test_alternating_robots_pick_the_same_and_first_come_favours_the_first(tables):
     def picks(rule):
         found = shift_of(line_with(rule, EASY), tables)
         return np.bincount(found.robot[found.robot >= 0], minlength=2)
@@ -99,7 +99,7 @@ def test_in_turn_both_robots_pick_the_same_and_first_come_the_first_picks_more(t
     assert first > 1.5 * second
 
 
-def test_who_takes_the_nearest_part_is_away_for_less_time_than_who_takes_the_first(tables):
+def test_picking_the_nearest_part_takes_less_time_than_the_first(tables):
     def mean_s(rule):
         return np.nanmean(shift_of(line_with(rule, CROWDED), tables).cycle_s)
 
@@ -119,7 +119,7 @@ def test_the_best_assignment_is_near_what_can_be_picked_knowing_all_parts_before
 
 
 @pytest.mark.long
-def test_the_page_of_figures_tells_what_the_rules_pick(tables):
+def test_page_of_figures_gives_the_picks_of_the_rules(tables):
     page = (pages.SOURCE / 'docs' / 'measured.md').read_text(encoding='utf-8')
     head, *rows = re.findall(r'^\| parts a minute .*$|^\| \d{3} \| .*% \|$', page, re.M)
     names = re.findall(r'`([^`]*)`', head)
@@ -136,7 +136,7 @@ def test_the_page_of_figures_tells_what_the_rules_pick(tables):
 
 
 @pytest.mark.long
-def test_48_shifts_are_as_near_to_the_search_as_the_page_of_figures_says(tables):
+def test_48_shifts_match_the_search_within_the_published_margin(tables):
     below = []
     for rate in (200.0, 205.0, 210.0, 215.0, 230.0, 260.0):
         for seed in range(1, 9):
@@ -166,7 +166,7 @@ def test_a_robot_that_waits_for_its_own_parts_leaves_others(tables):
     assert allocation.next_for(0, first).part == 2  # part 1 is the other's
 
 
-def test_parts_come_at_their_rate_within_their_spread():
+def test_parts_arrive_at_their_rate_within_their_spread():
     line = replace(line_of(1, rate_per_min=150.0, noise=0.3, spread_mm=30), hours=1.0)
     coming = parts.of_belt(line, line.belts[0])
     assert len(coming.kind) == pytest.approx(9000, rel=0.02)

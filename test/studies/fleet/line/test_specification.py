@@ -1,4 +1,4 @@
-"""Facts about files of lines: what they say is what is simulated, and what they cannot mean is told with its place."""
+"""Tests of files of lines: what they say is what is simulated, and what they cannot mean is told with its place."""
 
 from pathlib import Path
 
@@ -34,14 +34,14 @@ def test_a_folder_that_is_called_so_does_not_hide_the_packaged_line(tmp_path, mo
     assert specification.load(specification.find('line')).name == 'four robots at a belt'
 
 
-def test_robots_stand_in_the_order_in_which_their_belt_reaches_them():
+def test_robots_are_in_the_order_of_their_belt():
     given = document(3)
     given['robots'] = dict(reversed(given['robots'].items()))
     line = specification.parse(given, Path('line.yaml'))
     assert [robot.name for robot in line.robots_of('infeed')] == ['robot1', 'robot2', 'robot3']
 
 
-def test_all_mistakes_are_told_at_once():
+def test_all_errors_are_reported_together():
     given = document(1)
     given['rule'] = 'quickest'
     given['belts']['infeed'] |= {'speed_m_s': 0.0, 'noise': 2}
@@ -67,11 +67,11 @@ def test_all_mistakes_are_told_at_once():
         ({'limits': {'speed_m_s': 4, 'acceleration_m_s2': 1, 'jerk_m_s3': 4000}}, 'acceleration_m_s2 is 1'),
     ],
 )
-def test_what_no_line_can_be_is_refused(change, sentence):
+def test_what_no_line_can_be_is_rejected(change, sentence):
     assert sentence in refusal(document() | change)
 
 
-def test_a_robot_without_its_belt_is_refused_with_the_belts_that_there_are():
+def test_a_robot_without_its_belt_is_rejected_with_the_belts_that_there_are():
     given = document(1)
     given['robots']['robot1'] |= {'belt': 'outfeed'}
     assert 'infeed' in refusal(given)

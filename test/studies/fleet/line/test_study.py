@@ -1,4 +1,4 @@
-"""Facts about the study of a line: what is told adds up, and is in its tables."""
+"""Tests of the study of a line: what is told adds up, and is in its tables."""
 
 import csv
 from pathlib import Path
@@ -35,7 +35,7 @@ def test_options_count_instead_of_the_file(done):
     assert (summary['rule'], summary['seed'], summary['hours']) == ('nearest', 5, 0.03)
 
 
-def test_what_is_told_adds_up(done):
+def test_reported_amounts_add_up(done):
     _, folder, summary = done
     (belt,) = summary['belts']
     missed = sum(belt['missed'].values())
@@ -49,14 +49,14 @@ def test_what_is_told_adds_up(done):
     assert (folder / 'minutes.png').exists()
 
 
-def test_the_text_says_how_many_and_why(done):
+def test_text_gives_number_and_reason(done):
     lines = list(report.text(done[2]))
     assert lines[0].startswith('short: 0.03 h, nearest, seed 5: ')
     assert any('while all robots that could have picked them were busy' in line for line in lines)
     assert any(line.startswith('cycle times from tables; largest error 0.0') for line in lines)
 
 
-def test_a_replay_of_nobody_and_of_no_minute_is_refused(done):
+def test_replay_without_robot_or_minute_is_rejected(done):
     study, _, _ = done
     with pytest.raises(LineError, match="unknown robot 'robot9'"):
         study.require_robot('robot9', 1)

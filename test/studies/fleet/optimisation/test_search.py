@@ -1,4 +1,4 @@
-"""Facts about the search of an optimisation: what it chooses, that it is the same again, and what it takes for best."""
+"""Tests of the search of an optimisation: what it chooses, that it is the same again, and what it takes for best."""
 
 import math
 from dataclasses import replace
@@ -120,7 +120,7 @@ def test_runs_that_fail_are_trials_with_a_reason_that_the_search_stays_away_from
     assert sum(one.outcome == Outcome.REFUSED for one in found.trials[20:]) < 10
 
 
-def test_a_run_without_the_number_that_is_to_be_best_is_none():
+def test_run_without_the_goal_value_is_invalid():
     own = wanted(limits={'load': 1.0})
     trial = trial_of(own, 1, {}, row(1, y=math.nan, load=0.5))
     assert trial.reason == 'the run has no y'
@@ -129,7 +129,7 @@ def test_a_run_without_the_number_that_is_to_be_best_is_none():
     assert not lacking.keeps_limits
 
 
-def test_without_any_trial_within_the_limits_the_nearest_is_told():
+def test_nearest_trial_is_reported_without_a_feasible_one():
     own = wanted(limits={'load': 1.0, 'heat': 10.0})
     trials = [
         trial_of(own, 1, {}, row(1, y=0.0, load=3.0, heat=5.0)),

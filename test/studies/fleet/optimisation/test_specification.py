@@ -1,4 +1,4 @@
-"""Facts about files of optimisations: what they say is meant, and what is wrong with them is told with its place."""
+"""Tests of files of optimisations: what they say is meant, and what is wrong with them is told with its place."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def read(tmp_path):
     return made
 
 
-def test_a_file_says_goal_trials_and_limits(read):
+def test_file_defines_goal_trials_and_limits(read):
     own = read()
     assert (own.goal, own.maximise, own.together) == ('tcp_error_max_m', False, 8)
     assert (own.sweep.runs, own.sweep.seed, own.sweep.limits) == (20, 7, {'current_rms_a_1': 2.5})
@@ -69,7 +69,7 @@ def test_a_folder_is_that_of_the_same_search_however_many_trials_there_are(read)
         (('seed: 7', 'together: 100'), '3:11', 'together is 100, but must be'),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_its_place(change, place, sentence, read):
+def test_error_is_reported_with_its_place(change, place, sentence, read):
     with pytest.raises(SweepError) as told:
         read(change)
     assert sentence in str(told.value)

@@ -1,4 +1,4 @@
-"""Facts about optimisations in a folder: the best is driven again, nothing is made twice, and reports tell all."""
+"""Tests of optimisations in a folder: the best is driven again, nothing is made twice, and reports tell all."""
 
 import os
 import signal
@@ -82,7 +82,7 @@ def told(document):
     }
 
 
-def test_what_was_interrupted_goes_on_and_ends_the_same(path, here, tmp_path):
+def test_interrupted_search_continues_to_the_same_end(path, here, tmp_path):
     whole = study(path, tmp_path / 'whole').run()
     assert sorted(here.made) == list(range(1, 13))
     here.made.clear()
@@ -145,7 +145,7 @@ def test_values_of_the_files_that_may_not_be_chosen_have_a_run_of_their_own(path
     assert document['base']['value'] == trace.meta['figures']['tcp_error_max_m']
 
 
-def test_without_a_trial_within_the_limits_there_are_no_files_of_a_best_one(path, here, tmp_path):
+def test_optimisation_without_a_feasible_trial_writes_no_best_files(path, here, tmp_path):
     path.write_text(
         SPEC.replace('program_s: 0.9', 'program_s: 0.001').replace('trials: 12', 'trials: 4'),
         encoding='utf-8',
@@ -162,7 +162,7 @@ def test_without_a_trial_within_the_limits_there_are_no_files_of_a_best_one(path
     )
 
 
-def test_a_folder_whose_trials_the_search_did_not_choose_is_refused(path, here, tmp_path, monkeypatch):
+def test_a_folder_whose_trials_the_search_did_not_choose_is_rejected(path, here, tmp_path, monkeypatch):
     study(path, tmp_path / 'out').run()
     monkeypatch.setattr(engine, 'to_row', lambda values: {'drive.position_gain_rad_s_rad': 1.0})
     with pytest.raises(SweepError, match=r'trial 1 in .* has other values than those of this search'):

@@ -1,4 +1,4 @@
-"""Facts about what a sweep finds: distributions, main effects, Sobol indices and yields of functions that are known."""
+"""Tests of what a sweep finds: distributions, main effects, Sobol indices and yields of functions that are known."""
 
 from dataclasses import replace
 
@@ -88,7 +88,7 @@ def test_what_does_not_vary_has_no_effects():
     assert effects(found(lambda a, b, c: a, 10)) == []
 
 
-def test_the_summary_for_people_tells_counts_reasons_yield_and_the_command_of_the_worst_run():
+def test_printed_summary_has_counts_reasons_yield_and_the_command_of_the_worst_run():
     outcomes = [Outcome.REFUSED, *[Outcome.DONE] * 99]
     some = replace(
         found(lambda a, b, c: 3.0 * a + b, 100, limits={'y': 2.0}),

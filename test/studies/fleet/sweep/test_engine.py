@@ -1,4 +1,4 @@
-"""Facts about sweeps on several processes: the same table on any number of them, resumed, and if one is killed."""
+"""Tests of sweeps on several processes: the same table on any number of them, resumed, and if one is killed."""
 
 import json
 import os
@@ -118,7 +118,7 @@ class Watched:
         return self._cluster.__exit__(*error)
 
 
-def test_a_folder_of_another_sweep_is_refused_and_keeps_what_it_has(path, tmp_path):
+def test_a_folder_of_another_sweep_is_rejected_and_keeps_what_it_has(path, tmp_path):
     folder = tmp_path / 'out'
     Store(folder, load(path)).open()
     before = (folder / MANIFEST).read_text()
@@ -140,7 +140,7 @@ def test_batches_are_the_same_however_many_runs_are_missing(path):
     assert all(any(set(batch) <= set(other) for other in whole) for batch in some)
 
 
-def test_no_cluster_and_one_of_other_sources_are_refused_in_one_sentence(path, tmp_path, monkeypatch):
+def test_no_cluster_and_one_of_other_sources_are_rejected_in_one_sentence(path, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, 'CONNECT_S', 0.5)
     settings = Settings(path, scheduler='tcp://127.0.0.1:1')
     with pytest.raises(SweepError, match=r'no cluster responds at tcp://127.0.0.1:1') as told:
@@ -175,7 +175,7 @@ def test_a_worker_that_joins_late_with_other_sources_makes_nothing(path):
         ('running', OSError('full'), 'failed: OSError: full'),
     ],
 )
-def test_a_cluster_that_breaks_is_told_in_one_sentence(status, error, sentence, path, monkeypatch):
+def test_broken_cluster_is_reported_in_one_sentence(status, error, sentence, path, monkeypatch):
 
     class Future:
         def result(self):
@@ -197,7 +197,7 @@ def test_a_cluster_that_breaks_is_told_in_one_sentence(status, error, sentence, 
     assert '\n' not in str(told.value)
 
 
-def test_a_dry_run_tells_what_there_is_to_do_and_writes_nothing(path, tmp_path):
+def test_dry_run_lists_the_work_and_writes_nothing(path, tmp_path):
     told = study(path, tmp_path / 'out', 1).dry_run()
     assert (told['runs'], told['runs_made']) == (36, 0)
     assert told['core_seconds'] == pytest.approx(36 * told['seconds_a_run'])

@@ -1,4 +1,4 @@
-"""Facts about the values of a sweep: their laws, and that they are the same whoever draws them."""
+"""Tests of the values of a sweep: their laws, and that they are the same whoever draws them."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def test_a_grid_has_every_combination_once_the_last_one_varying_fastest():
         (Sampling.SALTELLI, 30, (UNIFORM, NORMAL), 'requires a power of two times 4, such as 32'),
     ],
 )
-def test_a_number_of_runs_that_a_design_does_not_have_is_refused(sampling, runs, vary, sentence):
+def test_a_number_of_runs_that_a_design_does_not_have_is_rejected(sampling, runs, vary, sentence):
     pytest.importorskip('SALib', reason='Sobol indices need the extra "sweep"')
     with pytest.raises(SweepError, match=sentence):
         drawn(sampling, runs, *vary)

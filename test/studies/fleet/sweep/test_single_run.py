@@ -1,4 +1,4 @@
-"""Facts about single runs of a sweep: values arrive where they should, and what cannot be run is a row."""
+"""Tests of single runs of a sweep: values arrive where they should, and what cannot be run is a row."""
 
 import dataclasses
 import json
@@ -77,7 +77,7 @@ def test_moves_without_a_speed_have_that_of_their_own_run(sweep):
         assert program.statements[1].limits.speed_m_s == speed
 
 
-def test_a_row_tells_the_figures_of_its_run(sweep):
+def test_row_has_the_figures_of_its_run(sweep):
     row = Runner(sweep()).run(2, {'dynamics.payload_mass_kg': 1.0})
     robot = parameters.load().replace(dynamics__payload_mass_kg=1.0)
     told = simulation.run(program_file.parse(sweep().program, robot.motion), robot)
@@ -85,7 +85,7 @@ def test_a_row_tells_the_figures_of_its_run(sweep):
     assert set(row) == {'run', 'outcome', 'reason', *figure_names()}
 
 
-def test_what_is_refused_or_stopped_is_a_row_with_its_reason(sweep):
+def test_what_is_rejected_or_stopped_is_a_row_with_its_reason(sweep):
     runner = Runner(sweep())
     heavy = runner.run(1, {'dynamics.payload_mass_kg': 50.0})
     assert heavy['outcome'] == Outcome.REFUSED
@@ -161,7 +161,7 @@ moves:
 """
 
 
-def test_a_plan_reads_nothing_that_it_is_said_not_to_depend_on():
+def test_plan_depends_only_on_declared_values():
     robot, names = parameters.load(), set()
     programs = [
         program_file.load('experiment1', robot.motion),
@@ -201,12 +201,12 @@ def test_reductions_are_those_of_the_signal(trace):
         (Kept('x', 'current', from_s=90.0), 'there is no sample from 90 to inf s'),
     ],
 )
-def test_what_no_run_can_tell_ends_the_sweep(kept, sentence, trace):
+def test_value_without_a_run_ends_the_sweep(kept, sentence, trace):
     with pytest.raises(SweepError, match=sentence):
         reduced(trace, kept)
 
 
-def test_an_own_function_adds_its_numbers_and_its_mistake_ends_the_sweep(sweep, tmp_path):
+def test_user_function_adds_its_numbers_and_its_error_ends_the_sweep(sweep, tmp_path):
     source = 'def figures(trace):\n    return {"cycles": len(trace.time_s)}\n'
     (tmp_path / 'own.py').write_text(source, encoding='utf-8')
     row = Runner(sweep(f'{SPEC}function: own.py\nkeep: [tcp_error_max_m]\n')).run(1, {})

@@ -1,4 +1,4 @@
-"""Facts about files of sweeps: what they mean, and that every complaint says where it is."""
+"""Tests of files of sweeps: what they mean, and that every complaint says where it is."""
 
 import pytest
 
@@ -20,7 +20,7 @@ def written(tmp_path, text, name='own.yaml'):
     return path
 
 
-def test_a_file_says_what_varies_and_what_is_kept(tmp_path):
+def test_file_defines_varied_and_recorded_values(tmp_path):
     sweep = load(
         written(
             tmp_path,
@@ -77,7 +77,7 @@ limits: {off_m: 0.001}
         (('dynamics.payload_mass_kg', 'motor.rotor_inertia_kg_m2[0]'), '4:3', 'has 1 values, counted from 0'),
     ],
 )  # fmt: skip
-def test_a_complaint_says_where_and_what(change, place, sentence, tmp_path):
+def test_error_gives_place_and_reason(change, place, sentence, tmp_path):
     path = written(tmp_path, SMALL.replace(*change))
     with pytest.raises(SweepError) as told:
         load(path)
@@ -126,7 +126,7 @@ def figures(trace):
         ('(', 'SyntaxError'),
     ],
 )
-def test_a_file_in_python_that_is_none_gets_one_sentence(source, sentence, tmp_path):
+def test_invalid_python_file_gets_one_sentence(source, sentence, tmp_path):
     with pytest.raises(SweepError, match=sentence) as told:
         load(written(tmp_path, source, 'own.py'))
     assert '\n' not in str(told.value)
@@ -144,7 +144,7 @@ def test_the_digest_depends_on_what_numbers_depend_on_and_on_nothing_else(tmp_pa
         assert load(written(tmp_path, other)).digest != first
 
 
-def test_programs_and_parameters_beside_the_file_are_meant(tmp_path):
+def test_programs_and_parameters_are_relative_to_the_file(tmp_path):
     program = 'moves:\n- move_l: {to_m: [0.1, 0.0, -0.8]}\n'
     (tmp_path / 'experiment1.yaml').write_text(program, encoding='utf-8')
     sweep = load(written(tmp_path, SMALL.replace('experiment1', 'experiment1.yaml')))

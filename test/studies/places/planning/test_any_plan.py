@@ -1,4 +1,4 @@
-"""Facts about the evaluation of whatever can be planned: no limit is exceeded, and everything is a finite number."""
+"""Tests of the evaluation of whatever can be planned: no limit is exceeded, and everything is a finite number."""
 
 import contextlib
 import json

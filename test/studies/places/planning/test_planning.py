@@ -1,4 +1,4 @@
-"""Facts about the evaluation of a plan: it is what the simulation drives, and what limits a move is at its limit."""
+"""Tests of the evaluation of a plan: it is what the simulation drives, and what limits a move is at its limit."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_a_long_plan_keeps_fewer_samples_and_the_same_rows(robot, monkeypatch):
     assert seen == [('evaluating', n, 6) for n in range(6)]
 
 
-def test_a_grip_on_the_way_is_no_torque_rate(robot):
+def test_grip_during_motion_counts_as_no_torque_rate(robot):
     line, back = (
         {'to_m': to_m, 'time_optimal': True, 'torque_rate_n_m_s': 1000.0}
         for to_m in ([0.2, 0.0, -0.8], START)
@@ -227,7 +227,7 @@ def test_distances_of_a_move_are_the_least_over_its_path(robot):
     assert row.distances == pytest.approx(wanted, rel=1e-3, abs=1e-4)
 
 
-def test_a_payload_that_is_gripped_on_the_way_shows_in_the_torque_from_there_on(robot):
+def test_payload_gripped_during_motion_appears_in_the_torque_from_there_on(robot):
     moves = [
         {'move_l': {'to_m': [0.0, 0.0, -0.8], 'speed_m_s': 0.1}},
         {'output': {'name': 'gripper', 'value': True, 'payload_kg': 8.0, 'before_m': 0.1}},
@@ -242,7 +242,7 @@ def test_a_payload_that_is_gripped_on_the_way_shows_in_the_torque_from_there_on(
     assert weight == pytest.approx(-held * lift, rel=0.1)
 
 
-def test_rounds_are_told_once(robot):
+def test_rounds_are_reported_once(robot):
     once, thrice = (
         studied([{'move_l': {'to_m': {'by_m': [0.1, 0, 0]}}}, {'move_l': {'to_m': START}}], robot, repeat=n)
         for n in (1, 3)
@@ -252,7 +252,7 @@ def test_rounds_are_told_once(robot):
     assert report.document(thrice, robot)['repeat'] == 3
 
 
-def test_people_read_a_line_per_move_and_what_limits_it(robot):
+def test_users_read_a_line_per_move_with_its_limit(robot):
     found = studied(CASES['a short line'][0] + CASES['a dwell'][0], robot)
     lines = report.text(found, robot)
     assert lines[3].split()[:3] == ['1', 'moves[0].move_l', 'line']
@@ -278,7 +278,7 @@ def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
+def test_recorded_move_has_the_limits_of_its_program(case, robot):
     moves, quantity = CASES[case]
     found = studied(moves, robot)
     recorded = recorded_move.of_recorded_move(found.planned.plan.move(0), robot)
@@ -288,7 +288,7 @@ def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
         assert report.limited_text(recorded) == report.limited_text(found.rows[0])
 
 
-def test_a_recording_does_not_tell_limits_that_differ_along_a_move(robot):
+def test_recording_does_not_reveal_limits_that_vary_along_a_move(robot):
     corner = {'to_m': [0.0, 0.0, -0.8], 'acceleration_m_s2': 4.0, 'blend_m': 0.02}
     moves = [{'move_l': corner}, {'move_l': {'to_m': [0.0, 0.2, -0.8], 'acceleration_m_s2': 12.0}}]
     assert recorded_move.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None

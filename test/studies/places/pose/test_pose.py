@@ -1,4 +1,4 @@
-"""Facts about a pose: every solution closes its loops, distances to limits are true, a refusal names its limit."""
+"""Tests of a pose: every solution closes its loops, distances to limits are true, a refusal names its limit."""
 
 import math
 
@@ -94,14 +94,14 @@ BEYOND = {
 
 
 @pytest.mark.parametrize('place', BEYOND)
-def test_a_place_where_the_robot_may_not_be_is_told_with_its_limit(place, robot):
+def test_forbidden_position_is_reported_with_its_limit(place, robot):
     pose = evaluation.of_point(place, robot)
     assert not pose.is_reachable
     assert pose.refusals[0] == BEYOND[place]
     assert report.document(pose, robot)['error'].startswith(BEYOND[place])
 
 
-def test_angles_that_break_limits_or_meet_nowhere_are_told_so(robot):
+def test_angles_beyond_limits_or_without_a_pose_are_reported(robot):
     steep = evaluation.of_angles(np.radians([100.0, 0.0, 0.0]), robot)
     assert 'the angle of arm 1 is 100 deg, the limit is 95 deg' in steep.refusals
     apart = evaluation.of_angles(np.radians([0.0, 170.0, 0.0]), robot)
@@ -132,7 +132,7 @@ def test_the_jacobian_of_a_pose_has_its_determinant_and_condition(robot):
     np.testing.assert_allclose(moved / 2.0, jacobian @ turn, atol=1e-13)
 
 
-def test_people_read_millimetres_degrees_and_what_is_beyond(robot):
+def test_users_read_millimetres_degrees_and_violations(robot):
     lines = report.text(evaluation.of_point((0.2, 0.1, -0.85), robot), robot)
     rows = dict(line.strip().split('  ', 1) for line in lines if line[14:16] == '  ' and line[:14].strip())
     assert rows['TCP'] == '(200.000, 100.000, -850.000) mm'
@@ -144,7 +144,7 @@ def test_people_read_millimetres_degrees_and_what_is_beyond(robot):
     assert none[-1].split() == ['solutions', 'none']
 
 
-def test_people_read_the_holding_currents_and_torques_as_shares_of_motor_and_brake(robot):
+def test_users_read_holding_currents_and_torques_as_shares_of_motor_and_brake(robot):
     pose = evaluation.of_point((0.2, 0.1, -0.85), robot)
     lines = [' '.join(line.split()) for line in report.text(pose, robot)]
     currents, torques = np.abs(pose.holding_current_a), np.abs(pose.holding_torque_n_m) / 32.0
@@ -153,7 +153,7 @@ def test_people_read_the_holding_currents_and_torques_as_shares_of_motor_and_bra
     read_line(lines, '% of the brake torque', [*(100.0 * torques / brake), brake])
 
 
-def test_people_read_every_reason_why_a_place_is_refused(robot):
+def test_users_read_every_reason_for_a_rejected_pose(robot):
     pose = evaluation.of_point((0.75, 0.0, -0.6), robot)
     assert len(pose.refusals) >= 3
     lines = report.text(pose, robot)

@@ -1,4 +1,4 @@
-"""Facts about the maps of the workspace: each value is that of its place, and the figures show every slice."""
+"""Tests of the maps of the workspace: each value is that of its place, and the figures show every slice."""
 
 import json
 
@@ -105,7 +105,7 @@ def test_payload_and_acceleration_asked_for_reach_the_maps(robot):
     assert report.document(heavy, Settings(0.3, ()), loaded)['payload_kg'] == 5.0
 
 
-def test_a_volume_of_too_many_poses_is_refused_before_it_is_computed(robot):
+def test_a_volume_of_too_many_poses_is_rejected_before_it_is_computed(robot):
     with pytest.raises(ReportError, match=r'a resolution of 1 mm gives \d+ poses, the limit is 20000000'):
         evaluation.study(Settings(0.001, ()), robot)
 

@@ -1,4 +1,4 @@
-"""Facts about the claims of 11.1: each gets a verdict by a figure of the run, and none that the run does not tell."""
+"""Tests of the claims of 11.1: each gets a verdict by a figure of the run, and none that the run does not tell."""
 
 from dataclasses import replace
 
@@ -115,7 +115,7 @@ def test_a_model_follows_the_robot_better_if_its_speeds_are_nearer_than_in_both_
     )
 
 
-def test_a_model_follows_what_is_desired_as_long_as_nobody_sees_a_difference(first):
+def test_model_follows_the_desired_path_below_a_visible_difference(first):
     found = claims(1, first, None)
     for part in ('arm angles of the model follow', 'the TCP of the model follows'):
         claim = by_text(found, part)
@@ -168,7 +168,7 @@ def test_a_number_that_no_seed_changes_has_no_range_in_words():
     assert same.sentence == '11.1.1: it is small: HOLDS: 0.5 %'
 
 
-def test_a_claim_that_holds_by_construction_is_marked_and_one_that_fails_is_not():
+def test_claim_true_by_construction_is_marked_and_failing_one_is_not():
     assert claim_of(0.5, by_construction='symmetry').sentence.endswith('; true by construction: symmetry')
     assert claim_of(1.5, by_construction='symmetry').by_construction == ''
     (mixed,) = claims_over_seeds([claim_of(0.5, by_construction='symmetry')], [[claim_of(1.5)]])

@@ -1,4 +1,4 @@
-"""Facts about experiments 1 to 3 (chapters 10, 11.1): what sets a robot apart from its model, and what explains it."""
+"""Tests of experiments 1 to 3 (chapters 10, 11.1): what sets a robot apart from its model, and what explains it."""
 
 import csv
 import dataclasses
@@ -72,7 +72,7 @@ def test_angles_and_tcp_are_alike_but_error_norm_and_current_are_not(number, com
     assert f'{whole["tcp_error_norm_true"].robot_max:.3f} mm' in truth(rows)
 
 
-def test_a_model_on_the_exact_exchange_period_is_no_robot(robot, compared):
+def test_model_with_the_exact_exchange_period_is_not_a_robot(robot, compared):
     program = programs.load('experiment3', robot.motion)
     exact = robot.replace(bus__exchange_period_s=125e-6)
     comparison = Comparison.of(compared[3].model, Run.of(run(program, exact), exact))
@@ -182,7 +182,7 @@ def test_a_robot_with_all_of_its_effects_is_itself_and_without_any_the_plain_one
         assert bare[name].tobytes() == values.tobytes()
 
 
-def test_an_effect_without_magnitude_or_switch_is_none(rich, robot):
+def test_effect_without_magnitude_or_switch_is_invalid(rich, robot):
     assert effects_of(robot) == ()
     assert 'cogging' not in effects_of(rich.replace(rich__cogging_torque_n_m=0.0))
     assert set(effects_of(rich.replace(rich__sensors=False))) == set(effects_of(rich)) - {
@@ -191,7 +191,7 @@ def test_an_effect_without_magnitude_or_switch_is_none(rich, robot):
     }
 
 
-def test_effects_that_share_a_switch_come_and_go_one_by_one(rich):
+def test_effects_with_a_common_switch_are_separable(rich):
     only = with_effects(rich, ['encoders']).rich
     assert only.effects.sensors
     assert only.encoder_noise_rad == rich.rich.encoder_noise_rad
@@ -219,7 +219,7 @@ def test_shapley_values_of_effects_that_superpose_are_what_goes_along_with_the_w
     assert shapley(worth) == pytest.approx((waves * waves.sum(axis=0)).mean(axis=1))
 
 
-def test_a_number_of_coalitions_that_fits_no_players_is_refused():
+def test_a_number_of_coalitions_that_fits_no_players_is_rejected():
     with pytest.raises(ValueError, match='coalitions is 3'):
         shapley(np.zeros(3))
 
@@ -243,7 +243,7 @@ def test_the_shares_add_up_to_the_difference(attributed):
         assert whole == pytest.approx(outcome.total, rel=ROUNDING, abs=ROUNDING * abs(outcome.robot))
 
 
-def test_what_is_no_effect_is_named(attributed):
+def test_unknown_effect_is_named(attributed):
     assert attributed.other_parameters == ('bus.exchange_period_s',)
     assert abs(attributed.outcomes['current', 'deviation'].other) > 0.0
 
@@ -323,7 +323,7 @@ def test_the_table_is_that_of_the_signals(folder):
         assert float(entry['deviation_max']) == pytest.approx(np.abs(robot - model).max(), rel=TEXT)
 
 
-def test_every_output_tells_where_it_comes_from_and_the_files_repeat_it(folder, robot):
+def test_every_output_names_its_origin_and_the_files_repeat_it(folder, robot):
     document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
     origin = document['provenance']
     written = {name: parameters.load(folder / f'{name}.yaml') for name in ('model', 'robot')}
@@ -339,7 +339,7 @@ def test_every_output_tells_where_it_comes_from_and_the_files_repeat_it(folder, 
     assert origin['command'].encode() in (folder / 'figure_11_24_tcp_error_norm.png').read_bytes()
 
 
-def test_the_report_says_how_the_acceleration_was_obtained_and_that_a_seed_changes_nothing(folder):
+def test_report_explains_the_acceleration_and_is_independent_of_a_seed(folder):
     document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
     assert 'slope' in document['acceleration']
     assert document['notes'] == ['the robot has no sensor noise, so --seed changes nothing']
@@ -417,7 +417,7 @@ def test_a_bag_is_never_overwritten(tmp_path):
     assert (tmp_path / 'report.json').read_text() == 'old'
 
 
-def test_one_changed_bit_is_no_agreement(robot, short_program):
+def test_one_changed_bit_is_a_difference(robot, short_program):
     trace = run(short_program, robot)
     assert 'bit-identical in 17 signals' in experiment_graph.same_as(trace, trace)
     other = {name: values.copy() for name, values in trace.signals.items()}

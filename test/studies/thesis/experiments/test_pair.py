@@ -1,4 +1,4 @@
-"""Facts about any two runs that are compared as model and robot: programs, traces, and tables of somebody else."""
+"""Tests of any two runs that are compared as model and robot: programs, traces, and tables of somebody else."""
 
 import json
 
@@ -132,7 +132,7 @@ def test_two_tables_are_compared_where_both_are(built, tmp_path):
     assert max(row.deviation_max_percent for row in found.comparison.statistics()) < 0.01
 
 
-def test_runs_without_a_common_signal_are_refused(nominal, built, tmp_path):
+def test_runs_without_a_common_signal_are_rejected(nominal, built, tmp_path):
     table = table_of(built, tmp_path / 'a.csv', ('tcp_error_norm',))
     with pytest.raises(TraceError):
         compared(Pair(nominal, table))
@@ -165,7 +165,7 @@ def test_two_simulations_of_one_program_are_attributed(tmp_path):
         (('a.npz', None), 'both runs must be programs'),
     ],
 )
-def test_what_cannot_be_attributed_is_told(other, why, nominal, tmp_path, monkeypatch):
+def test_unattributed_remainder_is_reported(other, why, nominal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     trace_file.save(nominal.whole, 'a.npz')
     found = compared(Pair(nominal, runs.load(*other)))
@@ -214,7 +214,7 @@ def test_a_model_that_was_asked_for_keeps_its_bus_cycle(slow, tmp_path):
 # the command ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_command_reads_a_foreign_table_and_tells_the_shift_it_found(built, tmp_path, monkeypatch, capsys):
+def test_command_reads_a_third_party_table_and_reports_the_shift(built, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     table_of(built, tmp_path / 'plain.csv', ('arm_position', 'arm_speed', 'current'), 700.0, 1234.5)
     text = (tmp_path / 'plain.csv').read_text().split('\n', 1)[1]
@@ -254,7 +254,7 @@ def test_the_command_reads_a_foreign_table_and_tells_the_shift_it_found(built, t
         (['experiment1', 'a.csv'], "a.csv has an unknown column 'K0'"),
     ],
 )
-def test_the_command_refuses_what_it_cannot_read_in_one_sentence(
+def test_the_command_rejects_what_it_cannot_read_in_one_sentence(
     arguments, sentence, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Facts about the Jacobian experiments (11.2): what lengths in error and singularities make of joint velocities."""
+"""Tests of the Jacobian experiments (11.2): what lengths in error and singularities make of joint velocities."""
 
 import csv
 import dataclasses
@@ -239,7 +239,7 @@ def test_momentary_percentages_are_small_denominators(robot, experiments):
     assert abs(deviation.momentary[place]) > 10.0 * np.abs(deviation.of_peak).max()
 
 
-def test_percentages_are_what_their_names_say():
+def test_percentages_match_their_names():
     recorded = np.array([[2.0, -1.0, 1e-6], [0.05, 0.5, 0.0], [-4.0, 0.0, 0.0]])
     calculated = recorded + np.array([[0.2, 0.1, 0.0], [0.2, 0.0, 0.0], [0.0, 0.1, 0.01]])
     deviation = Deviation.of(calculated, recorded)
@@ -253,7 +253,7 @@ def test_percentages_are_what_their_names_say():
     assert peak['max_of_joints'] == pytest.approx([5.0, 10.0, 25.0])
 
 
-def test_the_error_that_is_said_to_be_needed_makes_the_deviation(robot, experiments):
+def test_stated_error_causes_the_deviation(robot, experiments):
     for own in experiments[1:]:
         for row in sensitivity.sensitivities(own, robot.kinematics):
             if row.needed_of_peak_m is None:
@@ -427,7 +427,7 @@ def test_a_csv_file_gives_what_the_trace_gives(robot, trace, tmp_path):
         ),
     ],
 )
-def test_a_recording_that_does_not_fit_is_refused_in_a_sentence(robot, trace, change, message):
+def test_a_recording_that_does_not_fit_is_rejected_in_a_sentence(robot, trace, change, message):
     with pytest.raises(TraceError, match=message):
         motion.of_trace(change(trace), robot, Signals.COMMAND, 'recording')
 
@@ -435,7 +435,7 @@ def test_a_recording_that_does_not_fit_is_refused_in_a_sentence(robot, trace, ch
 @pytest.mark.parametrize(
     ('errors', 'message'), [({'l_C': 0.1}, 'l_C is not a length'), ({'R_B': -0.06}, 'R_B would be')]
 )
-def test_an_error_that_is_no_length_s_is_refused(robot, errors, message):
+def test_error_of_an_unknown_length_is_rejected(robot, errors, message):
     with pytest.raises(ParameterError, match=message):
         inexact(robot.kinematics, errors)
 
@@ -451,7 +451,7 @@ def test_the_figures_bear_the_numbers_of_the_thesis(robot, experiments):
     assert names[18] == 'figure_11_43_acceleration_of_joint_1.png'
 
 
-def test_a_study_leaves_report_tables_and_figures_that_say_where_they_come_from(studied):
+def test_study_writes_report_tables_and_figures_with_their_origin(studied):
     folder, document = studied
     assert {path.name for path in folder.iterdir()} == {path.split('/')[-1] for path in document['files']}
     assert document['provenance']['command'].startswith('delta3 jacobian 1 --error l_A=0.002')
@@ -466,7 +466,7 @@ def test_a_study_leaves_report_tables_and_figures_that_say_where_they_come_from(
         assert b'delta3 jacobian 1' in path.read_bytes()
 
 
-def test_other_causes_stand_beside_the_inexact_lengths_and_far_above_them(experiments, robot):
+def test_other_causes_are_drawn_with_the_inexact_lengths_and_exceed_them(experiments, robot):
     own, exact = experiments[0], robot.kinematics
     wrong = joint_motion(own, inexact(exact, {'R_A': 0.035}))
     found = causes(own, exact)
@@ -480,7 +480,7 @@ def test_other_causes_stand_beside_the_inexact_lengths_and_far_above_them(experi
     assert 'Errors of centimetres are implausible' in acceleration.get_xlabel()
 
 
-def test_figures_draw_the_other_causes_over_time_and_say_that_nobody_is_35_mm_off(experiments, robot):
+def test_figures_draw_the_other_causes_over_time_and_note_that_none_is_35_mm_off(experiments, robot):
     own, exact = experiments[2], robot.kinematics
     wrong = joint_motion(own, inexact(exact, {'R_A': 0.035}))
     found = courses(own, exact)
@@ -509,7 +509,7 @@ def test_figures_draw_the_other_causes_over_time_and_say_that_nobody_is_35_mm_of
     )
 
 
-def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experiments):
+def test_study_of_one_trajectory_reports_its_deviations(studied, robot, experiments):
     _, document = studied
     (row,) = document['trajectories']
     wrong = joint_motion(experiments[0], inexact(robot.kinematics, {'l_A': 0.002}))
@@ -535,7 +535,7 @@ def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experime
         (['1', 'experiment1'], 1, 'two inputs have the name experiment 1'),
     ],
 )
-def test_bad_input_is_refused_in_a_sentence(arguments, status, sentence, capsys, tmp_path):
+def test_bad_input_is_rejected_in_a_sentence(arguments, status, sentence, capsys, tmp_path):
     try:
         found = main(['jacobian', *arguments, '--output', str(tmp_path)])
     except SystemExit as stop:

@@ -1,4 +1,4 @@
-"""Facts about the two-link arm (thesis chapter 3), from an own picture of it: links as complex numbers."""
+"""Tests of the two-link arm (thesis chapter 3), from an own picture of it: links as complex numbers."""
 
 import json
 import struct
@@ -104,7 +104,7 @@ def test_inverse_undoes_forward_on_the_branch_of_the_pose(a, b, theta_1, theta_2
 
 
 @pytest.mark.parametrize('arm', ARMS, ids=str)
-def test_the_branches_mirror_each_other_and_their_names_say_where_the_elbow_is(arm):
+def test_branches_mirror_each_other_and_are_named_by_the_elbow(arm):
     p = points(arm)[1:-1]
     up, down = (kinematics.inverse(p, arm, branch) for branch in (Branch.ELBOW_UP, Branch.ELBOW_DOWN))
     assert np.array_equal(up[..., 1], -down[..., 1])
@@ -219,13 +219,13 @@ def test_nothing_between_is_singular():
         ([(0.5, 0.0), (0.5, 0.1), (3.0, 4.0)], r'point 2: \(3, 4\) m is 5 m from the base, but .* 0.7 m'),
     ],
 )
-def test_a_point_out_of_reach_is_refused_with_distance_and_limit(point, sentence, branch):
+def test_a_point_out_of_reach_is_rejected_with_distance_and_limit(point, sentence, branch):
     with pytest.raises(UnreachableError, match=f'^{sentence}$'):
         kinematics.inverse(point, ARM, branch)
 
 
 @pytest.mark.parametrize('length', [0.0, -1.0, 1e-4, 2e3, np.nan, np.inf, '0.4', None])
-def test_a_length_out_of_range_is_refused_by_name(length):
+def test_a_length_out_of_range_is_rejected_by_name(length):
     with pytest.raises(
         ParameterError, match=r'upper_arm_length_m is .*, but must be a number from 0.001 to 1000$'
     ):
@@ -233,7 +233,7 @@ def test_a_length_out_of_range_is_refused_by_name(length):
 
 
 @pytest.mark.parametrize('values', [0.0, [0.0, 0.0, 0.0], []])
-def test_what_is_no_pair_is_refused(values):
+def test_invalid_pair_is_rejected(values):
     with pytest.raises(ValueError, match=r'theta must have shape \(\.\.\., 2\), not'):
         kinematics.forward(values, ARM)
     with pytest.raises(ValueError, match=r'p must have shape \(\.\.\., 2\), not'):
@@ -330,7 +330,7 @@ def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
         assert solution['joint_speeds_rad_s'] == speeds.tolist()
 
 
-def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
+def test_command_reports_a_singular_pose_without_inverse(capsys):
     assert main(['two-link', '--point', '0', '0.7']) == 0
     text = capsys.readouterr().out
     assert text.count('none: this pose is singular') == 2
@@ -359,7 +359,7 @@ def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
         ),
     ],
 )
-def test_the_command_refuses_with_one_sentence(arguments, sentence, capsys):
+def test_the_command_rejects_with_one_sentence(arguments, sentence, capsys):
     assert main(['two-link', *arguments, '--json']) == 1
     printed = capsys.readouterr()
     assert printed.err.startswith(sentence)

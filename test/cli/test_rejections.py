@@ -111,7 +111,7 @@ def test_bad_arguments_are_one_sentence(arguments, status, expected, refused, fi
         ['override', '50', '--queue'],
     ],
 )
-def test_options_that_an_action_does_not_obey_are_refused_by_name(arguments, refused):
+def test_options_that_an_action_does_not_obey_are_rejected_by_name(arguments, refused):
     option = next(word for word in arguments if word.startswith('--'))
     assert refused(['move', *arguments]) == (1, f'error: move {arguments[0]} does not take {option}\n')
 
@@ -140,7 +140,7 @@ def test_kinds_of_faults_are_listed_with_their_values(capsys):
     assert 'jump_rad -100 to 100' in next(line for line in lines if line.startswith('encoder_jump'))
 
 
-def test_an_oscilloscope_waits_for_a_robot_as_long_as_it_is_told_to(refused, tmp_path):
+def test_oscilloscope_waits_for_a_robot_for_its_timeout(refused, tmp_path):
     arguments = ['scope', 'axis1.current', '--timeout', '0.3', '--output', tmp_path / 'scope.csv']
     sentence = 'no drives with an oscilloscope within 0.3 s: is a robot up in namespace /?'
     assert refused(arguments) == (1, f'error: {sentence}\n')

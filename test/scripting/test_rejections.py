@@ -1,4 +1,4 @@
-"""Facts about what scripts may not do: each refusal has its code, one sentence, file and line."""
+"""Tests of what scripts may not do: each refusal has its code, one sentence, file and line."""
 
 import re
 
@@ -81,15 +81,15 @@ def told(script, robot, **options):
 
 
 @pytest.mark.parametrize('what', WRONG)
-def test_what_is_wrong_is_refused_in_its_line(robot, what):
+def test_what_is_wrong_is_rejected_in_its_line(robot, what):
     script, code, sentence = WRONG[what]
     error, trace = told(script, robot, inputs={'part': []})
     assert error.code == code
-    assert re.search(rf'test_refusals\.py:\d+: .*{sentence}', str(error))
+    assert re.search(rf'test_rejections\.py:\d+: .*{sentence}', str(error))
     assert trace.meta['stopped'] == str(error)
 
 
-def test_a_refused_call_may_be_caught_and_the_script_goes_on(robot):
+def test_rejected_call_may_be_caught_and_the_script_continues(robot):
     with scripting.simulate(robot) as called:
         called.move_l(to_mm=[700, 0, -800])
         with pytest.raises(scripting.ScriptError):
@@ -99,7 +99,7 @@ def test_a_refused_call_may_be_caught_and_the_script_goes_on(robot):
     assert called.trace.meta['planned_end_m'] == pytest.approx([0.1, 0.0, -0.8])
 
 
-def test_a_move_that_cannot_be_planned_is_told_with_its_own_line(robot):
+def test_move_that_cannot_be_planned_is_reported_with_its_line(robot):
     def script(called):
         called.move_l(**MOVE)
         called.move_l(to_mm=[800, 0, -800])
@@ -107,10 +107,10 @@ def test_a_move_that_cannot_be_planned_is_told_with_its_own_line(robot):
 
     error, _ = told(script, robot)
     line = script.__code__.co_firstlineno + 2
-    assert re.search(rf'test_refusals\.py:{line}:9: move_l: .*the limit is', str(error))
+    assert re.search(rf'test_rejections\.py:{line}:9: move_l: .*the limit is', str(error))
 
 
-def test_an_input_that_does_not_come_is_told_after_its_time(robot):
+def test_missing_input_is_reported_after_its_timeout(robot):
     error, trace = told(lambda called: called.wait_input('part', timeout_s=0.5), robot, inputs={'part': []})
     assert isinstance(error, scripting.WaitTimeoutError)
     assert isinstance(error, TimeoutError)
@@ -119,7 +119,7 @@ def test_an_input_that_does_not_come_is_told_after_its_time(robot):
     assert len(trace.time_s) == robot.motion.start_cycle - robot.decision_cycles + 501
 
 
-def test_a_wait_has_a_timeout_without_being_told(robot):
+def test_wait_has_a_default_timeout(robot):
     error, _ = told(lambda called: called.wait_input('part', False), robot, inputs={'part': [(0.0, True)]})
     assert re.search("'part' was not off within 10 s", str(error))
 
@@ -149,7 +149,7 @@ def test_a_script_without_an_end_is_ended(robot):
     assert trace.time_s[-1] == pytest.approx(2.102, abs=2e-3)
 
 
-def test_who_waits_for_moves_that_are_held_is_refused(robot):
+def test_waiting_for_held_moves_is_rejected(robot):
     def script(called):
         called.move_l(**MOVE)
         called.wait_time(0.1)
@@ -179,7 +179,7 @@ def test_a_script_that_dies_leaves_the_robot_in_a_stop_on_its_path(robot):
     assert (end - start)[2] / end[0] == pytest.approx(-0.5, abs=1e-6)
 
 
-def test_there_is_no_trace_before_the_end(robot):
+def test_trace_does_not_exist_before_the_end(robot):
     with scripting.simulate(robot) as called, pytest.raises(RunError, match='after the script has ended'):
         _ = called.trace
 
@@ -201,19 +201,19 @@ INPUTS = {
 
 
 @pytest.mark.parametrize('what', INPUTS)
-def test_inputs_that_are_none_are_refused(robot, what):
+def test_invalid_inputs_are_rejected(robot, what):
     inputs, sentence = INPUTS[what]
     with pytest.raises(ProgramError, match=sentence), scripting.simulate(robot, inputs=inputs) as called:
         called.wait_input('part', False, timeout_s=1.0)
 
 
-def test_a_robot_whose_bus_begins_with_motion_is_refused(robot):
+def test_a_robot_whose_bus_begins_with_motion_is_rejected(robot):
     early = robot.replace(motion__start_cycle=30)
     with pytest.raises(RunError, match='a script needs 18 bus cycles before it'), scripting.simulate(early):
         pass
 
 
-def test_a_simulation_of_no_time_is_refused(robot):
+def test_a_simulation_of_no_time_is_rejected(robot):
     for longest_s in (0.0, -1.0, float('nan')):
         with (
             pytest.raises(RunError, match='must be positive'),
@@ -231,7 +231,7 @@ def test_a_robot_whose_script_has_ended_takes_no_calls(robot):
         assert caught.value.code == Code.STATE
 
 
-def test_resuming_twice_is_refused_the_second_time(robot):
+def test_resuming_twice_is_rejected_the_second_time(robot):
     def script(called):
         called.move_l(**MOVE)
         called.wait_time(0.1)

@@ -1,4 +1,4 @@
-"""Facts about what is not planned: one sentence for each reason, with the place of the mistake."""
+"""Tests of what is not planned: one sentence for each reason, with the place of the mistake."""
 
 import re
 
@@ -56,7 +56,7 @@ from planned import HOME, around, dwell, output, parse, plan, refusal, through, 
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else '',
 )
-def test_a_move_beyond_a_limit_is_refused_with_value_limit_and_place(change, move, what, place, robot):
+def test_a_move_beyond_a_limit_is_rejected_with_value_limit_and_place(change, move, what, place, robot):
     sentence = refusal(plan, robot.replace(**change), [to(0.0, 0.0, -0.76, speed_m_s=0.1), move])
     assert sentence.startswith(f'moves[1].{next(iter(move))}: {what}')
     _, _, where = sentence.partition(' at s = ')
@@ -64,7 +64,7 @@ def test_a_move_beyond_a_limit_is_refused_with_value_limit_and_place(change, mov
     assert ', the limit is ' in where
 
 
-def test_a_point_that_no_arm_reaches_is_refused_with_the_arm(robot):
+def test_a_point_that_no_arm_reaches_is_rejected_with_the_arm(robot):
     deep = robot.replace(kinematics__workspace_bottom_m=-2.0)
     sentence = refusal(plan, deep, [to(0, 0, -1.6)])
     assert re.match(r'moves\[0\]\.move_l: \(0, 0, -1\.[34]\d*\) m is out of reach of arm 1$', sentence)
@@ -93,14 +93,14 @@ def plan_back(robot, moves, position=OUTSIDE, **fields):
         [{'cubic': {'to_m': [0.5, 0, -0.8], 'duration_s': 1.0}}, dwell(0.1)],
     ],
 )
-def test_a_robot_that_was_pushed_out_of_the_workspace_may_come_back(moves, robot):
+def test_robot_pushed_out_of_the_workspace_may_return(moves, robot):
     p, _, _ = sample_plan(plan_back(robot, moves).plan, np.linspace(0.0, 2.0, 400))
     assert p[0] == pytest.approx(OUTSIDE)
     assert np.hypot(p[-1, 0], p[-1, 1]) <= 0.6
     assert 'the distance from the z axis is 0.6' in refusal(plan, robot, moves, OUTSIDE)
 
 
-def test_an_arm_that_was_pushed_beyond_its_angle_may_come_back(robot):
+def test_arm_pushed_beyond_its_angle_may_return(robot):
     narrow = robot.replace(kinematics__arm_angle_max_deg=15.0)
     low = (0.0, 0.0, -0.93)
     assert len(plan_back(narrow, [to(0, 0, -0.8)], low).plan) == 1
@@ -129,13 +129,13 @@ def test_from_outside_the_workspace_only_the_first_move_leads_back_and_to_the_in
     assert refusal(plan_back, robot, moves).startswith(what)
 
 
-def test_no_program_starts_outside_the_workspace_by_itself(robot):
+def test_program_does_not_start_automatically_outside_the_workspace(robot):
     program = parse(robot, [to(0.5, 0, -0.8)], start_m=list(OUTSIDE))
     with pytest.raises(ProgramError, match=r'the distance from the z axis is 0\.63 m'):
         simulation.run(program, robot)
 
 
-def test_a_move_to_where_the_robot_stands_is_refused(robot):
+def test_move_to_the_present_position_is_rejected(robot):
     assert refusal(plan, robot, [to(*HOME)]) == 'moves[0].move_l: the robot is already at (0, 0, -0.75) m'
     assert 'moves[1].move_l: the robot is already at' in refusal(
         plan, robot, [to(0, 0, -0.8), to(0, 0, -0.8)]
@@ -143,7 +143,7 @@ def test_a_move_to_where_the_robot_stands_is_refused(robot):
     assert 'moves[0].move_l: the robot is already at' in refusal(plan, robot, [to(0, 0, -0.8)], repeat=2)
 
 
-def test_refusals_of_curves_name_the_statement(robot):
+def test_rejections_of_curves_name_the_statement(robot):
     first = to(0.1, 0, -0.8)
     line = around((0.2, 0, -0.8), (0.3, 0, -0.8))
     assert refusal(plan, robot, [first, line]).startswith(
@@ -159,7 +159,7 @@ def test_refusals_of_curves_name_the_statement(robot):
 
 @pytest.mark.parametrize('speed', [1e-2, 1e-3, 1e-5, 1e-6])
 @pytest.mark.parametrize('blend_m', [0.0, 0.005])
-def test_a_very_slow_move_is_planned_or_refused_within_the_memory_of_a_machine(speed, blend_m, robot):
+def test_a_very_slow_move_is_planned_or_rejected_within_the_memory_of_a_machine(speed, blend_m, robot):
     moves = [to(0, 0, -0.76, blend_m=blend_m), to(0.01, 0.0, -0.76)]
     length = (
         0.02
@@ -192,7 +192,7 @@ moves:
 """
 
 
-def test_everything_that_cannot_be_planned_is_told_with_its_place(robot, tmp_path):
+def test_every_planning_error_is_reported_with_its_place(robot, tmp_path):
     path = tmp_path / 'own.yaml'
     path.write_text(MISTAKES, encoding='utf-8')
     read = programs.load(path, robot.motion)
@@ -208,7 +208,7 @@ def test_everything_that_cannot_be_planned_is_told_with_its_place(robot, tmp_pat
     ]
 
 
-def test_behind_a_move_that_cannot_be_planned_planning_goes_on_at_its_end(robot):
+def test_planning_continues_at_the_end_of_an_invalid_move(robot):
     far = {'move_l': {'to_m': [0.9, 0.0, -0.8]}}
     back = {'move_l': {'to_m': {'by_m': [-0.8, 0.0, 0.0]}}}  # begins outside, so that it is wrong as well
     near = {'move_l': {'to_m': {'by_m': [0.0, 0.1, 0.0]}}}  # from (0.1, 0, -0.8)
@@ -221,7 +221,7 @@ def test_behind_a_move_that_cannot_be_planned_planning_goes_on_at_its_end(robot)
     ]
 
 
-def test_ten_mistakes_are_enough(robot):
+def test_ten_errors_are_enough(robot):
     moves = [{'move_l': {'to_m': [0.9, 0.01 * n, -0.8]}} for n in range(30)]
     with pytest.raises(ProgramError) as error:
         program_planner.plan(programs.parse({'moves': moves}, robot.motion), robot.motion.home_m, robot)
