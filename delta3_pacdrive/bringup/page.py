@@ -25,7 +25,14 @@ def started(place: Place, namespace: str, logs: Path) -> Iterator[ManagedProcess
     arguments = ['view', '--wait', '--port', str(place.port), '--namespace', namespace]
     environment = {LISTENING: str(place.inheritable())}
     command = 'delta3_pacdrive.cli.main'
-    page = respawn('view', command, arguments, logs / 'view.log', Schedule.ORDINARY, environment)
+    page = respawn(
+        'view',
+        command,
+        arguments=arguments,
+        log=logs / 'view.log',
+        schedule=Schedule.ORDINARY,
+        environment=environment,
+    )
     page.patience_s = END_S
     place.close()
     try:

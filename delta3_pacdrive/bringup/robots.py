@@ -179,7 +179,9 @@ class Robots:
             os.close(read_end)
             for pipe in self._pipes:
                 os.close(pipe)
-            return _be(options, logs, bool(self._ports), port, write_end, self._started_s)
+            return _be(
+                options, logs, page=bool(self._ports), port=port, pipe=write_end, started_s=self._started_s
+            )
 
         name = f'up {name_of(options.namespace)}'
         self._children.append(spawn(name, main, logs / 'bringup.log'))

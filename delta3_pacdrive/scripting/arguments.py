@@ -68,7 +68,9 @@ class StatementMaker:
                 frame = checked_frame(values.pop('frame'))
             if 'tool' in values:
                 tool = self._of_same_mass(checked_tool(values.pop('tool')))
-        return read_statement(kind, plain(values), self._motion, frame, tool, self._outputs)
+        return read_statement(
+            kind, plain(values), motion=self._motion, frame=frame, tool=tool, outputs=self._outputs
+        )
 
     def _of_same_mass(self, tool: Tool | None) -> Tool | None:
         mass_kg = 0.0 if tool is None else tool.mass_kg

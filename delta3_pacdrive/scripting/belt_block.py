@@ -113,10 +113,10 @@ def require_way_out(
         require_feasible(
             plan,
             end_s,
-            end_s + way.duration_s,
-            lambda time_s: belt.to_base(way.at(time_s - end_s)),
-            parameters,
-            rate,
+            to_s=end_s + way.duration_s,
+            offset=lambda time_s: belt.to_base(way.at(time_s - end_s)),
+            parameters=parameters,
+            rate=rate,
         )
     except ProgramError as error:
         how = 'leaves the belt after the work' if block.closed else 'stops at the end of the window'

@@ -155,7 +155,16 @@ class BeltOrders(ScriptOrders):
         self.batch = [*before, *batch, *after]
         met_s = found.pad_s + block.first_s(planned.plan) / rate
         part_m, reference_m = block.part.along_m, block.reference_m
-        self._link.track(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
+        self._link.track(
+            TrackOrder(
+                block.belt,
+                part_m,
+                reference_m=reference_m,
+                window=block.window,
+                limits=block.limits,
+                met_s=met_s,
+            )
+        )
 
     @property
     def _cycle_s(self) -> float:
@@ -189,11 +198,11 @@ class BeltOrders(ScriptOrders):
         return meet(
             block.part.along_m + there.way_m,
             there.speed_m_s,
-            offset,
-            work,
-            block.reference_m,
-            block.window,
-            block.limits,
+            offset=offset,
+            work=work,
+            reference_m=block.reference_m,
+            window=block.window,
+            limits=block.limits,
         )
 
     def _offset_at(self, cycle: float) -> Motion:
@@ -212,10 +221,18 @@ class BeltOrders(ScriptOrders):
             return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
 
         self._override_max = require_feasible(
-            planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate
+            planned.plan, -found.pad_s, to_s=whole_s, offset=offset, parameters=self.parameters, rate=rate
         )
         on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
-        require_way_out(planned.plan, block, belt, on_it.place[0], found.speed_m_s, self.parameters, rate)
+        require_way_out(
+            planned.plan,
+            block,
+            belt=belt,
+            along_m=on_it.place[0],
+            speed_m_s=found.speed_m_s,
+            parameters=self.parameters,
+            rate=rate,
+        )
 
     def _require_later(self, block: Block) -> None:
         """Raise ProgramError if further work exceeds limits at the present belt speed."""
@@ -235,10 +252,20 @@ class BeltOrders(ScriptOrders):
             return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
 
         whole_s = planned.plan.duration_s / rate
-        allowed = require_feasible(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
+        allowed = require_feasible(
+            planned.plan, 0.0, to_s=whole_s, offset=offset, parameters=self.parameters, rate=rate
+        )
         self._override_max = min(self._override_max, allowed)
         along_m = begun_m + there.speed_m_s * whole_s
-        require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
+        require_way_out(
+            planned.plan,
+            block,
+            belt=belt,
+            along_m=along_m,
+            speed_m_s=there.speed_m_s,
+            parameters=self.parameters,
+            rate=rate,
+        )
 
     def _note_leaving(self, block: Block, cycle: int | None) -> None:
         """Record when and how the robot is expected to leave the belt."""
@@ -301,7 +328,9 @@ class BeltOrders(ScriptOrders):
         def offset(time_s: float) -> Motion:
             return self._offset_at(begin + (time_s + pad_s) / cycle_s)
 
-        allowed = require_feasible(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
+        allowed = require_feasible(
+            planned.plan, -pad_s, to_s=first_s, offset=offset, parameters=self.parameters, rate=rate
+        )
         self._override_max = min(self._override_max, allowed)
 
     def _come_to_rest(self) -> None:

@@ -97,7 +97,14 @@ class BeltParts:
         dropped, bounced, jumps = counts
         refused = queue.refused + dropped
         return BeltState(
-            there.way_m, there.speed_m_s, len(queue), queue.merged, queue.left, refused, bounced, jumps
+            there.way_m,
+            there.speed_m_s,
+            waiting=len(queue),
+            merged=queue.merged,
+            left=queue.left,
+            refused=refused,
+            bounced=bounced,
+            jumps=jumps,
         )
 
     def _counts(self) -> tuple[int, int, int]:

@@ -287,14 +287,14 @@ class Robot:
             return State(
                 seen.cycle,
                 (seen.cycle - self._start_cycle) * self.parameters.bus.cycle_time_s,
-                str(seen.motion),
-                seen.position_m,
-                seen.command_m,
-                math.inf if self._orders.held else self._orders.moves.seconds_left(seen.cycle),
-                named_bits(seen.outputs, self._link.outputs),
-                {name: bool(seen.inputs >> n & 1) for n, name in enumerate(self._link.inputs)},
-                seen.payload_kg,
-                self.late,
+                motion=str(seen.motion),
+                position_m=seen.position_m,
+                command_m=seen.command_m,
+                left_s=math.inf if self._orders.held else self._orders.moves.seconds_left(seen.cycle),
+                outputs=named_bits(seen.outputs, self._link.outputs),
+                inputs={name: bool(seen.inputs >> n & 1) for n, name in enumerate(self._link.inputs)},
+                payload_kg=seen.payload_kg,
+                late=self.late,
             )
 
     def _input_number(self, name: str) -> int:

@@ -90,7 +90,13 @@ class SimulatedLink:
         self._figures: list[Figures] = []
         self._end_cycle = begin
         self._operation = SteppedOperation(
-            self._robot, self._task, parameters, self._inputs.bits, self._ended, signals, self._world
+            self._robot,
+            self._task,
+            parameters=parameters,
+            inputs=self._inputs.bits,
+            ended=self._ended,
+            signals=signals,
+            world=self._world,
         )
         self._operation.go_to(begin + 1)
 

@@ -113,7 +113,12 @@ def simulate(
         if cell is not None:
             raise RunError('cell= and its former name around= are both given')
     link = SimulatedLink(
-        given, inputs, longest_s, acquisition, signals, cell_of(around if cell is None else cell)
+        given,
+        inputs,
+        longest_s=longest_s,
+        acquisition=acquisition,
+        signals=signals,
+        around=cell_of(around if cell is None else cell),
     )
     robot = Simulation(link, name or Path(of_caller().file).stem or 'script')
     try:

@@ -107,22 +107,40 @@ class Invariants:
     def _check_shafts(self, shafts: Telegrams, range_deg: tuple[float, float], speed_max: float) -> None:
         arms = np.degrees(shafts.values[:, :3] / self._ratio)
         low, high = range_deg
-        self._outside('an arm is at', 'deg', shafts, arms, low, high)
+        self._outside('an arm is at', 'deg', telegrams=shafts, values=arms, low=low, high=high)
         limit = speed_max * (1.0 + ROUNDING)
-        self._outside('a shaft turns at', 'rad/s', shafts, shafts.values[:, 3:6], -limit, limit)
+        self._outside(
+            'a shaft turns at',
+            'rad/s',
+            telegrams=shafts,
+            values=shafts.values[:, 3:6],
+            low=-limit,
+            high=limit,
+        )
 
     def _check_torque(self, topic: str, answers: Telegrams, torque_max: float) -> None:
         limit = torque_max * (1.0 + ROUNDING)
-        self._outside(f'{topic}: torque', 'N m', answers, answers.values[:, [TORQUE]], -limit, limit)
+        self._outside(
+            f'{topic}: torque',
+            'N m',
+            telegrams=answers,
+            values=answers.values[:, [TORQUE]],
+            low=-limit,
+            high=limit,
+        )
 
     def _check_commands(self, commands: Telegrams) -> None:
         limits = self._robot.kinematics
         tcp = kinematics.forward(commands.values / self._ratio, limits)
         radius = np.hypot(tcp[:, [0]], tcp[:, [1]])
         edge = 0.5 * limits.workspace_diameter_m + COMMAND_M
-        self._outside('the TCP is commanded to a radius of', 'm', commands, radius, 0.0, edge)
+        self._outside(
+            'the TCP is commanded to a radius of', 'm', telegrams=commands, values=radius, low=0.0, high=edge
+        )
         low, high = limits.workspace_bottom_m - COMMAND_M, limits.workspace_top_m + COMMAND_M
-        self._outside('the TCP is commanded to z', 'm', commands, tcp[:, [2]], low, high)
+        self._outside(
+            'the TCP is commanded to z', 'm', telegrams=commands, values=tcp[:, [2]], low=low, high=high
+        )
 
     def _outside(
         self, what: str, unit: str, telegrams: Telegrams, values: Floats, low: float, high: float

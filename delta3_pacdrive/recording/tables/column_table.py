@@ -55,7 +55,9 @@ def of_trace(trace: Trace, comment: str = '') -> ColumnTable:
         meaning = quantities.meaning_of(signal)
         named += [(name, unit, meaning) for name, unit in quantities.named_columns(signal)]
     names, units, meanings = zip(*named, strict=True)
-    return ColumnTable(names, units, list(columns), trace.meta, comment, meanings)
+    return ColumnTable(
+        names, units, columns=list(columns), meta=trace.meta, comment=comment, meanings=meanings
+    )
 
 
 def suffix_refusal(path: str | Path, suffixes: Sequence[str] = SUFFIXES) -> str | None:

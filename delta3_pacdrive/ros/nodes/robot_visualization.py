@@ -7,11 +7,15 @@ In, with subscribers only: ``joint_states``, ``tcp/command``, ``tcp/error``, ``o
 It is longer than other nodes because its subscriptions depend on its subscribers.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -27,13 +31,13 @@ from delta3_pacdrive.robot.sercos.telegrams import Telegram, joint_states
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.cell_markers import CellMarkers
 from delta3_pacdrive.ros.clients.cell_reader import CellReader
-from delta3_pacdrive.ros.clock_output import ClockOutput
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
 from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.interfaces import (
+    CLOCK,
     JOINT_STATES,
     MARKERS,
     MOTION_PLAN,
@@ -43,12 +47,56 @@ from delta3_pacdrive.ros.wire.interfaces import (
     TCP_COMMAND,
     TCP_ERROR,
     TURNS,
+    VISUALIZATION,
     Topic,
 )
 from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import PollingNode
 from delta3_pacdrive.ros.wire.publishers import Output
 from delta3_pacdrive.ros.wire.qos import NEWEST
+
+SILENT_S = 1.0  # without bus time: another robot may then publish the clock
+
+
+class ClockOutput:
+    """The ``/clock`` publisher of one robot; it exists only while it has bus time to publish."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher: Publisher | None = None
+        self._published, self._published_s = (0, 0), 0.0
+        self.wanted = False  # there are subscribers and no other publishers
+
+    def update(self) -> None:
+        """Check whether the clock is needed; call this periodically."""
+        self.wanted = self._node.count_subscribers(CLOCK.name) > 0 and self._may_publish()
+        if not self.wanted or time.monotonic() - self._published_s > SILENT_S:
+            self._end()
+
+    def _may_publish(self) -> bool:
+        """Whether no other node publishes; of two robots that started together the first by name continues."""
+        own = self._node.get_fully_qualified_name()
+        clocks = self._node.get_publishers_info_by_topic(CLOCK.name)
+        if any(info.node_name != VISUALIZATION for info in clocks):
+            return False
+        others = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in clocks} - {own}
+        return not others or (self._publisher is not None and own < min(others))
+
+    def publish(self, stamp: tuple[int, int]) -> None:
+        """Publish a bus time, unless it equals the last one."""
+        if not self.wanted or stamp == self._published:
+            return
+        self._publisher = self._publisher or CLOCK.publisher(self._node)
+        self._published, self._published_s = stamp, time.monotonic()
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = stamp
+        self._publisher.publish(message)
+
+    def _end(self) -> None:
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
+
 
 KIND = 'robot_visualization'
 LOOK_S = 0.25  # between two checks for subscribers

@@ -1,7 +1,7 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
 Its topics and services are those of ``TASK`` in ``ros.wire.interfaces``; decisions are made in
-``control.operation.robot_controller``. MDT: ``command_sender``; AT: ``receivers``; cyclic topics, states and outputs:
+``control.operation.robot_controller``. AT: ``receivers``; cyclic topics, states and outputs:
 ``outputs``; plans: ``planner_link``; services and control: ``clients.operator_services``; service channel:
 ``wire.service_requests``.
 
@@ -9,35 +9,139 @@ It is longer than other nodes because it connects all of these, and implements t
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from std_msgs.msg import String
 
 from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.planning import learned_torques as learned
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.faults.fault import TASK, Fault
-from delta3_pacdrive.robot.sercos import master
-from delta3_pacdrive.robot.sercos.bus_time import Clock
+from delta3_pacdrive.robot.sercos import master, telegrams
+from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.robot.sercos.words import CONTROL_OFF, Phase
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.clients.operator_services import OperatorServices
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.task.belt_receiver import BeltReceiver
-from delta3_pacdrive.ros.task.command_sender import CommandSender
 from delta3_pacdrive.ros.task.outputs import RobotOutputs, TaskOutputs
 from delta3_pacdrive.ros.task.planner_link import PlannerLink
-from delta3_pacdrive.ros.task.progress_report import ProgressReport
 from delta3_pacdrive.ros.task.receivers import AtReceiver, InputReceiver
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.announcements import receive_announcements
-from delta3_pacdrive.ros.wire.interfaces import PHASE, second_writer
+from delta3_pacdrive.ros.wire.diagnostics import Health
+from delta3_pacdrive.ros.wire.interfaces import MDT, PHASE, PROGRESS, second_writer
 from delta3_pacdrive.ros.wire.polling import PollingNode
+from delta3_pacdrive.ros.wire.publishers import Output
 from delta3_pacdrive.ros.wire.service_requests import ScriptRequests, offer_service_requests
+
+
+class CommandSender:
+    """Sends the MDT of the master; with ``torques`` they contain torques in addition to positions."""
+
+    def __init__(self, node: Node, torques: bool, requests: ServiceRequests) -> None:
+        self._requests = requests
+        self._session = NO_SESSION
+        self._last = b''
+        self._frames: dict[tuple[int, float, int], bytes] = {}  # without service channel words
+        self._torques, self._count = torques, len(requests.drives)
+        self._idle = (0,) * self._count
+        self._codec = cdr.codec(telegrams.mdt(torques, requests.drives))
+        self.publish = cdr.raw_publish(MDT.publisher(node))  # takes an encoded MDT
+
+    def begin(self, session: bytes) -> None:
+        """Start sending in a session."""
+        self._session = session
+        self._last = b''
+        self._frames.clear()
+
+    def greet(self, greeting: master.Greet) -> None:
+        """Greet the drives before cyclic operation."""
+        words = self._requests.to_send()
+        frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
+        self.publish(
+            self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * self._count * (2 if self._torques else 1))
+        )
+
+    def send(self, stamp: tuple[int, int], command: Command) -> None:
+        """Send the MDT of a bus cycle."""
+        motors, torques, control, payload, outputs = command
+        if self._requests.busy:
+            words = self._requests.to_send()
+            frame = telegrams.mdt_frame(
+                Phase.CP4, control, payload_kg=payload, session=self._session, service=words, outputs=outputs
+            )
+        else:
+            known = self._frames.get((control, payload, outputs))
+            frame = known or telegrams.mdt_frame(
+                Phase.CP4,
+                control,
+                payload_kg=payload,
+                session=self._session,
+                service=self._idle,
+                outputs=outputs,
+            )
+            self._frames[control, payload, outputs] = frame
+        values = motors.tolist()
+        if self._torques:
+            values += torques.tolist()
+        self._last = self._codec.encode(stamp, frame, values)
+        self.publish(self._last)
+
+    def repeat(self) -> None:
+        """Send the newest MDT again as a heartbeat while the bus waits for a script."""
+        if self._last:
+            self.publish(self._last)
+
+
+Facts = Callable[[], dict[str, Any]]
+DIAGNOSTICS_S = 1.0
+
+
+class ProgressReport:
+    """Publishes progress on request, with statistics at the end of a program, and diagnostics once a second."""
+
+    def __init__(
+        self, node: Node, period_s: float, progress: Callable[[], MotionProgress], statistics: Facts
+    ) -> None:
+        self._node, self._newest, self._statistics = node, progress, statistics
+        self._progress = Output(node, PROGRESS)
+        self._health = Health(node)
+        self._health_every = round(DIAGNOSTICS_S / period_s)
+        self._reports = 0
+
+    def publish(self) -> None:
+        """Publish to subscribers; statistics are included after the end of a program and with a fault."""
+        if self._progress.wanted:
+            progress = self._newest()
+            if progress.finished or progress.fault:
+                progress = replace(progress, statistics=self._statistics())
+            self._progress.publish(String(data=progress.to_json()))
+        self._reports += 1
+        if self._reports % self._health_every == 0 and self._health.wanted:
+            self._send_health()
+
+    def _send_health(self) -> None:
+        progress = self._newest()
+        level = DiagnosticStatus.ERROR if progress.fault else DiagnosticStatus.OK
+        twice = str(second_writer(self._node) or '')
+        if twice:
+            self._node.get_logger().warning(twice, throttle_duration_sec=10.0)
+            level = max(level, DiagnosticStatus.WARN)
+        sentence = progress.fault or progress.waiting or twice or progress.phase
+        self._health.send(level, sentence, progress.to_fields() | self._statistics() | {'strangers': twice})
+
 
 KIND = 'transformation_task'
 STARTUP_S = 0.02

@@ -8,6 +8,7 @@ It is longer than other nodes because it connects the planner to its thread, its
 """
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from std_msgs.msg import Float64MultiArray, Header, String
@@ -16,12 +17,13 @@ from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.control.messages import Origin, Status, Verdict
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import Tolerances
+from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.planning.adapted_program import rest_of
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.output_names import OWN
 from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
@@ -33,10 +35,41 @@ from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tole
 from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
-from delta3_pacdrive.ros.wire.newest_cycle import NewestCycle
+from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import PollingNode
+from delta3_pacdrive.ros.wire.qos import NEWEST
 from delta3_pacdrive.scene.urdf import urdf
+
+AHEAD_MAX = 5000  # cycles; limits jumps, as any node may publish joint states
+
+
+class NewestCycle:
+    """The bus cycle of the newest joint states, published every 10 ms of bus time.
+
+    ``known`` returns a cycle that is known from another source.
+    """
+
+    def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
+        self._cycles, self._known = cycles, known
+        self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=NEWEST)
+        self._reader = JointStatesReader()
+        self._newest = 0
+
+    def __call__(self) -> int:
+        """Return the newest bus cycle."""
+        known = self._known()
+        self._newest = max(self._newest, known) if self._newest < known + AHEAD_MAX else known
+        while (taken := self._take()) is not None:
+            try:
+                states = self._reader.read(taken[0])
+            except TelegramError:
+                continue  # joints of another robot on the same topic
+            cycle = self._cycles.count(states.sec, states.nanosec) if states.frame == BASE_FRAME else -1
+            if cycle < known + AHEAD_MAX:
+                self._newest = max(self._newest, cycle)
+        return self._newest
+
 
 KIND = 'unit_robot'
 LOOK_S = 0.05  # period of the checks of timeouts and injected faults
@@ -76,7 +109,12 @@ class UnitRobotNode(PollingNode):
         watched = tolerances.any or self._trajectories is not None
         self._monitor = ToleranceMonitor(self, watched, cycles, planner)
         self._outputs = PlannerOutputs(
-            self, planner, self._thread, self._operators, self._trajectories, self._origin
+            self,
+            planner,
+            thread=self._thread,
+            operators=self._operators,
+            trajectories=self._trajectories,
+            origin=self._origin,
         )
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
         self._beats = self._looks = 0
@@ -103,7 +141,9 @@ class UnitRobotNode(PollingNode):
                 'control_msgs is not installed: no action follow_joint_trajectory is offered'
             )
             return None
-        return FollowJointTrajectory(self, kind, self._planner, self._operators, tolerances, cycles)
+        return FollowJointTrajectory(
+            self, kind, planner=self._planner, operators=self._operators, tolerances=tolerances, cycles=cycles
+        )
 
     def _session(self) -> bytes:
         status = self._planner.status

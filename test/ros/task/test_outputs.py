@@ -13,7 +13,7 @@ from delta3_pacdrive.control.cycle.joint_motion import joint_motions
 from delta3_pacdrive.control.cycle.task_arrays import ANSWER
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
-from delta3_pacdrive.ros.clock_output import ClockOutput
+from delta3_pacdrive.ros.nodes.robot_visualization import ClockOutput
 from delta3_pacdrive.ros.task.outputs import TaskOutputs
 from delta3_pacdrive.ros.wire.interfaces import JACOBIAN, JOINT_MOTION, VISUALIZATION
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
