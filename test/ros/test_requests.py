@@ -325,7 +325,7 @@ def test_a_request_that_is_repeated_gets_its_end_and_never_a_report_of_progress(
     wire: Any = Wire()
     served: list[Request] = []
     server = RequestServer(
-        wire, interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY, lambda: 'planner', served.append
+        wire, (interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY), lambda: 'planner', served.append
     )
     request = Request('planner', 'operator', 1, 0, 'start')
     wire.receive(request)

@@ -58,12 +58,10 @@ class OperatorServices:
 
         self._server = RequestServer(
             node,
-            interfaces.CONTROL_REQUEST,
-            interfaces.CONTROL_REPLY,
+            (interfaces.CONTROL_REQUEST, interfaces.CONTROL_REPLY),
             session,
             self._on_request,
             changes=lambda: control.changes,
-            bytes_max=REQUEST_BYTES_MAX,
             always=frozenset(messages.STOPS.values()),
         )
         interfaces.CONTROL_ALIVE.bounded_subscription(node, self._on_alive)

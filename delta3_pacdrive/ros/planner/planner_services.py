@@ -55,11 +55,9 @@ class PlannerServices:
         self._queue = interfaces.QUEUE.publisher(node)
         self._server = RequestServer(
             node,
-            interfaces.PLANNER_REQUEST,
-            interfaces.PLANNER_REPLY,
+            (interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY),
             lambda: identity,
             self._on_request,
-            bytes_max=interfaces.REQUEST_BYTES_MAX,
             refuse=self._refuse_request,
         )
         for topic, receive in (

@@ -9,7 +9,7 @@ from delta3_pacdrive.control.messages import Reply, Request, refuse_malformed, r
 from delta3_pacdrive.control.queue.request_queue import ReceivedRequests
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RobotFault, TelegramError, shown
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.ros.wire.interfaces import TEXT_BYTES_MAX, Topic
+from delta3_pacdrive.ros.wire.interfaces import REQUEST_BYTES_MAX, Topic
 
 
 class RequestServer:
@@ -17,6 +17,8 @@ class RequestServer:
 
     Parameters
     ----------
+    topics
+        Topic of the requests, and topic of the replies.
     receiver
         Returns the expected receiver; requests for others may come from a recording.
     serve
@@ -33,21 +35,20 @@ class RequestServer:
     def __init__(
         self,
         node: RobotNode,
-        requests: Topic,
-        replies: Topic,
+        topics: tuple[Topic, Topic],
         receiver: Callable[[], str],
         serve: Callable[[Request], None],
         *,
         changes: Callable[[], int] = lambda: 0,
-        bytes_max: int = TEXT_BYTES_MAX,
         refuse: Callable[[str], None] | None = None,
         always: Container[str] = (),
     ) -> None:
         self._receiver, self._serve, self._changes = receiver, serve, changes
         self._always = always
         self._received = ReceivedRequests()
+        requests, replies = topics
         self._replies = replies.publisher(node)
-        requests.bounded_subscription(node, self._on_request, bytes_max, refuse)
+        requests.bounded_subscription(node, self._on_request, REQUEST_BYTES_MAX, refuse)
 
     def _on_request(self, message: String) -> None:
         try:

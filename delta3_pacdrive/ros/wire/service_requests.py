@@ -57,12 +57,10 @@ class ScriptRequests:
 
         self._server = RequestServer(
             node,
-            interfaces.SCRIPT_REQUEST,
-            interfaces.SCRIPT_REPLY,
+            (interfaces.SCRIPT_REQUEST, interfaces.SCRIPT_REPLY),
             session,
             self._on_request,
             changes=lambda: controller.control.changes,
-            bytes_max=REQUEST_BYTES_MAX,
         )
         controller.scripts.reply = self._reply
 
