@@ -170,10 +170,10 @@ def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(machine: Machin
 
 
 def test_the_processes_of_a_robot_count_one_by_one(machine: Machine) -> None:
-    spent = dict.fromkeys(NODES, 0.0)  # of one with a rotary axis
+    spent = dict.fromkeys(NODES, 0.0)  # of one with two rotary axes
     just = FREE - len(NODES) * NODE_CORES
     assert cores_of_robot(False, len(ALL_DRIVES)) == pytest.approx(len(NODES) * NODE_CORES)
-    assert cores_of_robot(False, len(DRIVES)) == pytest.approx((len(NODES) - 1) * NODE_CORES)
+    assert cores_of_robot(False, len(DRIVES)) == pytest.approx((len(NODES) - 2) * NODE_CORES)
     assert cores_of_robot(True, len(DRIVES)) == SINGLE_CORES
     assert room_beside(machine, just - 0.01, **spent) == ''
     assert room_beside(machine, just + 0.01, **spent) != ''

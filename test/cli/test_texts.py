@@ -320,7 +320,7 @@ def test_the_figures_of_a_loop_are_printed_in_milliseconds_and_per_cent(tuned):
     assert 'velocity now 71 Hz 61.5 deg 18.5 dB 2.34 ms 1.45 140 Hz 3.21 ms 4.6 % 65.4 ms' in lines
     assert 'now: it swings' in lines
     assert '6.25e-4 kg m2 now 71 Hz 61.5 deg 11.1 dB 61.5 deg 1.45 44.4 dB heaviest mode' in lines
-    assert any(line.endswith('exchanged every 0.5 ms') for line in lines)
+    assert any(line.endswith('exchanged every 0.5 ms:') for line in lines)
 
 
 def test_unstable_loop_and_undefined_figure_are_reported(tuned):

@@ -224,7 +224,7 @@ BAD_PROGRAMS = [
     ('moves: [{move_l: {to_m: [.nan, 0, -0.8]}}]', 'not nan'),
     ('moves: [{move_l: {to_m: [0, 0, -0.75]}}]', 'already at'),
     ('moves: [{move_c: {via_m: [0.1, 0, -0.75], to_m: [0.2, 0, -0.75]}}]', 'on a line'),
-    ('moves: [{move_sb: {through_m: []}}]', 'at least one point'),
+    ('moves: [{move_sb: {through_m: []}}]', 'must hold 1 to 100'),
     ('moves: []', 'at least one move'),
     ('a: &a [*a]', 'not valid YAML'),
     ('no_such_program', 'must be a mapping'),

@@ -257,12 +257,12 @@ def test_a_program_is_resumed_after_a_fault_where_it_left_its_path(cell: Cell, g
 def test_a_drive_that_stays_deaf_is_missing_until_another_one_takes_its_place(cell: Cell, graph: Any) -> None:
     deaf = cell.drive(2)
     deaf.deafen()
-    graph.spin_until(lambda: cell.task.progress().missing == ['axis2'], 'the deaf drive', 2.0 * BOUND_S)
+    graph.spin_until(lambda: cell.task.progress().missing == ('axis2',), 'the deaf drive', 2.0 * BOUND_S)
     assert cell.task.progress().waiting.startswith('waiting for axis2')
     cell.take_away(deaf)
     graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
     graph.spin_until(lambda: cell.task.progress().phase == 'CP4', 'cyclic operation')
-    assert cell.task.progress().missing == []
+    assert cell.task.progress().missing == ()
 
 
 def test_a_program_is_restarted_after_a_fault(cell: Cell, graph: Any) -> None:

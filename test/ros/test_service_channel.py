@@ -146,7 +146,7 @@ REFUSED = [
     ('axis1 write S-0-0104 nan', '(error 0x7008)'),
     ('axis1 command S-0-0104', '(error 0x7013)'),
     ('axis4 read S-0-0104', 'the robot has no axis4 for a rotary axis (rotary.present is false)'),
-    ('axis5 read S-0-0104', 'is not a request'),
+    ('axis6 read S-0-0104', 'is not a request'),
     ('axis1 write S-0-0104', 'it needs one'),
     ('axis1 write S-0-0104 much', "'much' is not a number"),
     ('axis1 write S-0-0104 1_0', "'1_0' is not a number"),

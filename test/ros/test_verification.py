@@ -160,7 +160,7 @@ def test_robot_that_does_not_return_ends_its_case_and_not_the_catalogue(
 
 
 def test_bus_time_passes_when_it_should(catalogue: Catalogue) -> None:
-    before = catalogue.fresh()['bus_time_s']
+    before = catalogue.fresh().bus_time_s
     catalogue.let_pass(0.5)
     assert catalogue.progress.bus_time_s >= before + 0.5
 

@@ -128,7 +128,7 @@ def test_faults_are_offered_for_the_drives_that_the_robot_has(panel):
         assert target.options == drives
     kind.value = 'kill'
     panel.controls.use(ALL_DRIVES)
-    assert target.options == ('unit_robot', 'transformation_task', *DRIVES, 'plant', 'axis4')
+    assert target.options == ('unit_robot', 'transformation_task', *DRIVES, 'plant', 'axis4', 'axis5')
     target.value = 'axis4'
     panel.gui['Inject the fault'].use()
     assert json.loads(panel.commands[-1].text) == {'fault': 'kill', 'node': 'axis4'}

@@ -193,7 +193,7 @@ def test_a_rate_is_every_nth_period(rate_hz, decimation, robot):
     ('texts', 'sentence'),
     [
         (['axis1.curent'], "no channel 'curent': did you mean current"),
-        (['axis5.current'], "'axis5.current' is not a valid channel: expected axis1, axis2, axis3, axis4"),
+        (['axis6.current'], "'axis6.current' is not a valid channel: expected axis1, axis2, axis3, axis4"),
         (['current'], 'such as axis1.current_reference'),
         (['axis1.current'] * 2, 'axis1.current is given twice'),
         ([], 'shows 1 to 8 channels, not 0'),

@@ -50,7 +50,7 @@ def test_every_kind_applies_to_a_participant(kind):
         ({}, 'fault.fault is None, but must be one of drop_mdt'),
         ({'fault': 'rain'}, "fault.fault is 'rain'"),
         ({'fault': 'drop_at'}, 'fault: missing key axis'),
-        ({'fault': 'drop_at', 'axis': 'axis5'}, "fault.axis is 'axis5', but must be one of axis1"),
+        ({'fault': 'drop_at', 'axis': 'axis6'}, "fault.axis is 'axis6', but must be one of axis1"),
         ({'fault': 'drop_at', 'axis': 'axis1', 'cycles': 0}, 'fault.cycles is 0'),
         ({'fault': 'drop_at', 'axis': 'axis1', 'for_s': 1.0}, "unknown key 'for_s'"),
         ({'fault': 'encoder_jump', 'axis': 'axis1'}, 'missing key jump_rad'),
