@@ -1,6 +1,7 @@
 """Report of the transformation task on bus and program: ``motion/progress``."""
 
 import json
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
@@ -74,6 +75,11 @@ class MotionProgress(JsonMessage):
         except (RecursionError, TypeError, ValueError):
             raise TelegramError(f'{shown(text)} is not a progress report') from None
         return cls.from_fields(NO_REPORT.to_fields() | given)
+
+    def __getitem__(self, key: str) -> Any:
+        """Return a value by its key; deprecated. Raises KeyError."""
+        warnings.warn(f'progress[{key!r}] is now progress.{key}', FutureWarning, stacklevel=2)
+        return self.to_fields()[key]
 
     @property
     def turns_rad(self) -> tuple[float, ...]:

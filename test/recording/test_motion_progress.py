@@ -70,3 +70,8 @@ def test_a_field_that_is_missing_or_of_another_type_is_rejected():
     ):
         with pytest.raises(TelegramError):
             read(**changes)
+
+
+def test_values_are_available_by_key_with_a_warning():
+    with pytest.warns(FutureWarning, match=r"progress\['tcp_m'\] is now progress\.tcp_m"):
+        assert MotionProgress(tcp_m=(0.1, 0.0, -0.75))['tcp_m'] == [0.1, 0.0, -0.75]
