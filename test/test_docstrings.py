@@ -1,6 +1,6 @@
 """Every function of the public face and every kernel says what its arguments are, with units or shapes.
 
-An argument is documented in the function's own docstring, or in a table that the functions of a module or of a room
+An argument is documented in the function's own docstring, or in a table that the functions of a module or of a package
 share: lines of names in double back-quotes, and below them, indented, what they are.
 """
 
@@ -16,7 +16,7 @@ import delta3_pacdrive
 from cases import for_each
 
 PACKAGE = Path(delta3_pacdrive.__file__).parent
-ROOMS = sorted(path.parent.relative_to(PACKAGE).as_posix() for path in PACKAGE.glob('*/__init__.py'))
+PACKAGES = sorted(path.parent.relative_to(PACKAGE).as_posix() for path in PACKAGE.glob('*/__init__.py'))
 NAMES = re.compile(r'^(``\w+``(?:, ``\w+``)*)$')
 # a unit, a shape, a record or another class, a count or a number, or yes and no
 TELLS = re.compile(r'\[[^\]]+\]|\bshape|``\w|[Nn]umber|[Ww]hether|parameters of a robot|S-0-\d{4}')
@@ -65,10 +65,13 @@ def kernels():
 
 
 def public_functions():
-    """Yield the functions that the package, its rooms and the modules on its first floor export."""
-    modules = [delta3_pacdrive, *(importlib.import_module(f'delta3_pacdrive.{room}') for room in ROOMS)]
+    """Yield the functions that the package, its subpackages and its documented modules export."""
+    modules = [
+        delta3_pacdrive,
+        *(importlib.import_module(f'delta3_pacdrive.{package}') for package in PACKAGES),
+    ]
     names = [(module, name) for module in modules for name in getattr(module, '__all__', ())]
-    for name in ('kinematics', 'dynamics', 'motor'):
+    for name in ('kinematics', 'dynamics', 'robot.motor'):
         module = importlib.import_module(f'delta3_pacdrive.{name}')
         names += [(module, one) for one in vars(module) if not one.startswith('_')]
     for module, name in names:

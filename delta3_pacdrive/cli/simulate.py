@@ -331,7 +331,9 @@ def _run_one_motor(options: Options) -> Output:
         program = rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
     return run_study(
         options,
-        lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()),
+        lambda show: run.Study(
+            settings, folder, options.command_line, show, program=program, inputs=chosen.digests()
+        ),
         report.text,
         folder,
     )

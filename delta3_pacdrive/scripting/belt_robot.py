@@ -289,7 +289,7 @@ class BeltRobot(Robot):
             if part.belt not in ('', belt):
                 raise ProgramError(f'track: the part is on belt {part.belt}, not on belt {belt}')
             self._order()
-            block = Block(n, part, window, limits, timeout_s, place)
+            block = Block(n, part, window, limits, timeout_s=timeout_s, place=place)
             self._work.begin(block)
         try:
             yield part

@@ -191,9 +191,9 @@ class Moves(RunningMoves):
             statements,
             lambda splice: self._program(written, splice),
             self._parameters,
-            REPLANNED_MAX,
-            self._tool_rad,
-            rounded,
+            statements_max=REPLANNED_MAX,
+            turns_rad=self._tool_rad,
+            rounded=rounded,
             arches=self._arches,
         )
         extension = self.extension(moves, cycle)

@@ -233,7 +233,17 @@ def combined(figures: Sequence[Figures]) -> Figures:
     """Return the combined figures of several programs; zeros without programs."""
     if not figures:
         zero = [0.0] * 3
-        return Figures(0, 0.0, 0.0, 0.0, [math.nan] * 3, [None] * 3, [None] * 3, zero, zero)
+        return Figures(
+            measured_cycles=0,
+            tcp_error_max_m=0.0,
+            tcp_error_rms_m=0.0,
+            following_error_max_rad=0.0,
+            final_tcp_m=[math.nan] * 3,
+            current_peak_a=[None] * 3,
+            current_rms_a=[None] * 3,
+            at_current_peak_a=zero,
+            at_current_rms_a=zero,
+        )
     if len(figures) == 1:
         return figures[0]
     cycles = [max(one.measured_cycles, 1) for one in figures]
@@ -246,14 +256,14 @@ def combined(figures: Sequence[Figures]) -> Figures:
         return [None if None in column else together(column) for column in columns]
 
     return Figures(
-        sum(one.measured_cycles for one in figures),
-        max(one.tcp_error_max_m for one in figures),
-        rms([one.tcp_error_rms_m for one in figures]),
-        max(one.following_error_max_rad for one in figures),
-        figures[-1].final_tcp_m,
-        of_axes('current_peak_a', max),
-        of_axes('current_rms_a', rms),
-        of_axes('at_current_peak_a', max),
-        of_axes('at_current_rms_a', rms),
-        tuple(map(combined_turns, zip(*(one.turns for one in figures), strict=True))),
+        measured_cycles=sum(one.measured_cycles for one in figures),
+        tcp_error_max_m=max(one.tcp_error_max_m for one in figures),
+        tcp_error_rms_m=rms([one.tcp_error_rms_m for one in figures]),
+        following_error_max_rad=max(one.following_error_max_rad for one in figures),
+        final_tcp_m=figures[-1].final_tcp_m,
+        current_peak_a=of_axes('current_peak_a', max),
+        current_rms_a=of_axes('current_rms_a', rms),
+        at_current_peak_a=of_axes('at_current_peak_a', max),
+        at_current_rms_a=of_axes('at_current_rms_a', rms),
+        turns=tuple(map(combined_turns, zip(*(one.turns for one in figures), strict=True))),
     )

@@ -17,7 +17,7 @@ def test_tool_is_at_the_start_of_its_program(robot, tmp_path):
     parameters.write(robot.replace(rotary__present=True), path)
     machine, _, planned = check_options(Options(program, path))
     assert machine.rotary.home_deg == pytest.approx(30.0)
-    assert planned.plan.end_turn_rad == pytest.approx(math.pi / 2)
+    assert planned.plan.end_turns_rad == pytest.approx((math.pi / 2,))
 
 
 def test_program_with_rotation_is_rejected_without_a_rotary_axis(tmp_path):

@@ -66,7 +66,7 @@ def test_channels_once_in_a_cycle_are_what_the_oscilloscope_shows_at_its_start(r
 def test_every_channel_is_a_signal_with_its_unit():
     assert quantities.of_drives().keys() == {f'drive_{name}' for name in CHANNELS}
     assert quantities.unit_of('drive_voltage') == 'V'
-    assert quantities.headings('drive_state') == ['drive_state_1', 'drive_state_2', 'drive_state_3']
+    assert quantities.named_columns('drive_state') == [(f'drive_state_{axis}', '1') for axis in (1, 2, 3)]
 
 
 def test_lost_telegrams_are_counted_and_a_fault_is_reported_from_its_cycle_on(robot):

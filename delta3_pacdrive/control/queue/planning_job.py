@@ -117,7 +117,13 @@ def _append(
         )
 
     moves = point.plan(
-        statements, program_of, robot, APPENDED_MAX, job.turns_rad, job.rounded, progress=progress
+        statements,
+        program_of,
+        robot,
+        statements_max=APPENDED_MAX,
+        turns_rad=job.turns_rad,
+        rounded=job.rounded,
+        progress=progress,
     )
     return Result(job.number, statements=len(statements), appended=moves)
 

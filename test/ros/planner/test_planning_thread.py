@@ -96,7 +96,7 @@ def test_whatever_goes_wrong_in_a_job_is_its_result(
     def fail(*_: object) -> None:
         raise MemoryError('no room')
 
-    monkeypatch.setattr('delta3_pacdrive.ros.planner.planning_thread.work', fail)
+    monkeypatch.setattr('delta3_pacdrive.ros.planner.planning_thread.run_job', fail)
     thread.begin(job(1, LINE))
     (result,) = results_of(thread, 1)
     assert result.reason is not None
