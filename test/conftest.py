@@ -1,4 +1,4 @@
-"""What the tests share: the default robot, a shell, and property tests that draw the same examples every time."""
+"""Shared fixtures: the default robot, a shell, and property tests with reproducible examples."""
 
 import gc
 import json

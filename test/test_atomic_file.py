@@ -1,4 +1,4 @@
-"""Tests of files that are there whole or not at all, whoever writes them."""
+"""Tests of atomic files: complete or absent, also with several writers."""
 
 import os
 import resource

@@ -1,4 +1,4 @@
-"""Tests of kinematics with a length, a radius, an azimuth of each arm of its own."""
+"""Tests of kinematics with individual lengths, radii and azimuths of the arms."""
 
 import numpy as np
 import pytest

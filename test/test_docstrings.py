@@ -1,4 +1,4 @@
-"""Every function of the public face and every kernel says what its arguments are, with units or shapes.
+"""Every function of the public face and every kernel documents its arguments, with units or shapes.
 
 An argument is documented in the function's own docstring, or in a table that the functions of a module or of a package
 share: lines of names in double back-quotes, and below them, indented, what they are.

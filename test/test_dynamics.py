@@ -1,4 +1,4 @@
-"""Tests of masses and torques (thesis 4.8, 4.9), from a heap of point masses with own positions, and from MuJoCo."""
+"""Tests of masses and torques (thesis 4.8, 4.9) against independent point masses and MuJoCo."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of faults and refusals as values."""
+"""Tests of faults and rejections as values."""
 
 import json
 

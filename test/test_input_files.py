@@ -1,4 +1,4 @@
-"""Tests of what is read: files, not pipes that wait for ever, and nothing that unpacks to more than fits."""
+"""Tests of input files: pipes that block are rejected, and the unpacked size is limited."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Tests of how commands end: by signals at any moment, without space, memory or a home; one sentence each."""
+"""Tests of the end of commands: signals at any moment, no space, memory or home; one message each."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""Tests of the arms (thesis 4.2 to 4.6), from an own picture of the machine: rotated elbows, rods of length l_B."""
+"""Tests of the arms (thesis 4.2 to 4.6) against an independent model: rotated elbows, rods of length l_B."""
 
 import numpy as np
 import pytest

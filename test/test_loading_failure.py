@@ -1,4 +1,4 @@
-"""Tests of libraries of others that cannot be loaded: one sentence names library, file, interpreter and cause."""
+"""Tests of third-party libraries that fail to load: the message names library, file, interpreter and cause."""
 
 import importlib
 import sys

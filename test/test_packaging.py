@@ -1,4 +1,4 @@
-"""Tests of the installed package: where ROS 2 finds it, what it declares, what its modules import."""
+"""Tests of the installed package: discovery by ROS 2, declarations and imports of modules."""
 
 import ast
 import functools

@@ -1,4 +1,4 @@
-"""Tests of parameter files: what stands in the default one, and what is refused, with which words."""
+"""Tests of parameter files: the content of the default file, and messages of rejections."""
 
 import dataclasses
 import math

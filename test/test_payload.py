@@ -1,4 +1,4 @@
-"""Tests of the payload: one limit wherever a payload comes in, and it is what the robot can hold."""
+"""Tests of the payload: one limit for every source, equal to the capacity of the robot."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of what ``import delta3_pacdrive`` shows: enough for a user, described, and without ROS."""
+"""Tests of the names in ``import delta3_pacdrive``: sufficient, documented, and without ROS."""
 
 import inspect
 import subprocess

@@ -1,4 +1,4 @@
-"""Tests of every command in hostile surroundings: it gives its result, or one sentence and a status."""
+"""Tests of every command in hostile environments: a result, or one message and a status."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tests of the tests: they look at the product from outside, and a file of them can be read in one go."""
+"""Tests of the tests: they use the public interface, and the size of a file is limited."""
 
 import ast
 import importlib.util

@@ -1,4 +1,4 @@
-"""Tests of which controller a run has that nobody asked for one: the thesis' for its programs, else the model's."""
+"""Tests of the default controller of a run: that of the thesis for its programs, else that of the model."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Tests of a camera above a belt: what it tells, when, and what it leaves out."""
+"""Tests of the belt camera: reported parts, latency and missed parts."""
 
 from dataclasses import replace
 

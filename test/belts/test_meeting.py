@@ -1,4 +1,4 @@
-"""Tests of meeting a part on a belt: where, when and how, and what is refused before anything moves."""
+"""Tests of the meeting of robot and part on a belt: time, place, method and rejected meetings."""
 
 import math
 

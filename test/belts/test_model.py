@@ -1,4 +1,4 @@
-"""Tests of belts: how they move, what their encoder and light barrier tell, and where their parts are."""
+"""Tests of the belt model: motion, encoder, light barrier and positions of parts."""
 
 import math
 

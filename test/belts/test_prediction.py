@@ -1,4 +1,4 @@
-"""Tests of the prediction of a belt: as good as its encoder, and never far off when the belt changes its speed."""
+"""Tests of the belt prediction: its error at constant speed and during changes of speed."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the queue of parts: each part once, handed out by its rule, and what has gone is counted."""
+"""Tests of the part queue: uniqueness, order of assignment and counters of missed parts."""
 
 import math
 

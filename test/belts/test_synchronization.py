@@ -1,4 +1,4 @@
-"""Tests of getting on a belt: within the limits, at rest on the belt, and refused before anything moves."""
+"""Tests of the synchronization with a belt: limits, relative rest and rejections before motion."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of what the controller adds to a plan on a belt: by bus time, without a jump, at rest when it has to."""
+"""Tests of belt tracking in the controller: dependence on bus time, continuity and stop."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the benchmark of picking from a belt: what it counts, and how it explains where parts are missed."""
+"""Tests of the benchmark of belt picking: counts and reasons of missed parts."""
 
 import pytest
 

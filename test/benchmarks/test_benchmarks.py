@@ -1,4 +1,4 @@
-"""What the benchmarks without ROS say beside their speeds: facts that do not depend on the machine."""
+"""Tests of the reports of benchmarks without ROS: all values that do not depend on the machine."""
 
 import json
 import os

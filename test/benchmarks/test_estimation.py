@@ -1,4 +1,4 @@
-"""What ``delta3 bench estimation`` counts: how often intervals contain the true value."""
+"""Tests of ``delta3 bench estimation``: how often intervals contain the true value."""
 
 from types import SimpleNamespace
 

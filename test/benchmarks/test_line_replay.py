@@ -1,4 +1,4 @@
-"""Tests of a minute of a line that is driven again: cycles take what the shift says, and no part is missed."""
+"""Tests of the replay of one minute of a line: cycle times equal those of the shift, without missed parts."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of the table of a robot between two hosts; the hosts themselves: ``test/system/test_two_hosts.py``."""
+"""Tests of the table of a robot on two hosts; ``test/system/test_two_hosts.py`` tests the hosts."""
 
 import io
 import json

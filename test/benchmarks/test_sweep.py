@@ -1,4 +1,4 @@
-"""Tests of ``delta3 bench sweep``: what it counts, and that it prints it."""
+"""Tests of ``delta3 bench sweep``: counts and printed table."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Tests of the end of a robot that is up: it is braked, however old what it has told last may be."""
+"""Tests of braking at the end of a bring-up, independent of the age of the last report."""
 
 from dataclasses import replace
 

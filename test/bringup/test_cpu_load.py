@@ -1,4 +1,4 @@
-"""Tests of the look at real-time work: whoever it belongs to, too much of it is told, and nothing else is."""
+"""Tests of the check of real-time load: processes above the limit are reported with their owner."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Tests of what a bring-up makes of its options before its first process starts."""
+"""Tests of the options of a bring-up: their evaluation before the first process starts."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the processes of a robot: who may be one, how they are scheduled, and how they end."""
+"""Tests of the processes of a robot: membership, scheduling and exit."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""Tests of several robots under one supervisor: what happens to one does not touch the others."""
+"""Tests of several robots under one supervisor: a fault of one robot does not affect the others."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Tests of a cell on the bus: outputs act a cycle later, inputs go out with their cycle, parts are told once."""
+"""Tests of a cell on the bus: delays of outputs and inputs, and single reports of parts."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of cell files: what is right is read in SI units, what is wrong is told with its place and its rule."""
+"""Tests of cell files: conversion to SI units, and errors with place and rule."""
 
 import math
 

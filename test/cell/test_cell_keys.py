@@ -1,4 +1,4 @@
-"""The table of keys in the documentation says what the reader of cell files takes, needs and assumes."""
+"""The documented table of keys agrees with the reader of cell files: keys, types and defaults."""
 
 import copy
 import re

@@ -1,4 +1,4 @@
-"""Tests of what is told of the things around a robot, for who draws them."""
+"""Tests of the published scene of a cell."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of where parts have been: each stay begins where the one before has ended."""
+"""Tests of the history of part positions: consecutive stays without gaps."""
 
 import math
 

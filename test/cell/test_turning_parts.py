@@ -1,4 +1,4 @@
-"""Tests of parts on a rotary axis: they turn with the tool, about the TCP, and lie as they were put down."""
+"""Tests of parts on a rotary axis: rotation with the tool about the TCP, and angle after placing."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of a cell around a TCP that moves as it is told: what becomes of parts, and what the inputs tell."""
+"""Tests of a cell around a moving TCP: states of parts and values of inputs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of ``delta3 simulate --cell``: the cell that is named is around the robot, and what is told of it."""
+"""Tests of ``delta3 simulate --cell``: choice of the cell and its printed results."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
+"""Tests of the declaration of commands: parsed values reach the command, invalid options are named."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Tests of ``delta3 export``: the model of the robot that was asked for, the signals of a recording."""
+"""Tests of ``delta3 export``: models of robots and signals of recordings."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tests of the command line itself: what it prints for people, check, completion, version."""
+"""Tests of the main command line: printed text, check, completion and version."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""``delta3 optimise`` as it is typed: options that go together, and what is wrong in one sentence."""
+"""Tests of the command line of ``delta3 optimise``: combinations of options and error messages."""
 
 import pytest
 

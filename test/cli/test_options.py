@@ -1,4 +1,4 @@
-"""Tests of options: each one that is parsed reaches what it is for; none is parsed and dropped."""
+"""Tests of options: each parsed option has an effect."""
 
 import json
 from contextlib import nullcontext

@@ -1,4 +1,4 @@
-"""Tests of ``delta3 plan``: its table, its JSON, and the refusals that ``delta3 check`` has, too."""
+"""Tests of ``delta3 plan``: table, JSON, and the same rejections as ``delta3 check``."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Tests of ``delta3 pose``: what it takes, what it prints, and its exit status."""
+"""Tests of ``delta3 pose``: arguments, output and exit status."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What commands with robots refuse before one is needed: one sentence each, and a status."""
+"""Tests of commands with robots: arguments rejected before a robot starts, each with a message and a status."""
 
 import os
 

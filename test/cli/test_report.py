@@ -1,4 +1,4 @@
-"""Tests of ``delta3 report`` and ``delta3 compare``: what they leave and print, and what they refuse."""
+"""Tests of ``delta3 report`` and ``delta3 compare``: files, output and rejections."""
 
 import json
 import re

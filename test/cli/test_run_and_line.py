@@ -1,4 +1,4 @@
-"""Tests of the options of ``run`` and ``line``: each one reaches the bring-up or the study, and changes no other."""
+"""Tests of the options of ``run`` and ``line``: each one reaches the bring-up or the study."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Tests of ``simulate --scope`` and ``scope list``: what is asked for is recorded, what is wrong is said."""
+"""Tests of ``simulate --scope`` and ``scope list``: recorded signals and error messages."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Tests of a script beside a bring-up: what it is reported as, whoever is first to end."""
+"""Tests of a script with a bring-up: reported results, with either of the two ending first."""
 
 import json
 import threading

@@ -1,4 +1,4 @@
-"""Tests of what the commands of studies share."""
+"""Tests of the shared parts of the commands of studies."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""``delta3 sweep`` as it is typed: options that go together, a dry run, one run again, an interruption."""
+"""Tests of the command line of ``delta3 sweep``: combinations of options, dry run, single run, interruption."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of what is printed for people, and about provenance: the right number, in the unit that stands behind it."""
+"""Tests of printed text and provenance: correct numbers in the printed units."""
 
 import json
 from types import SimpleNamespace

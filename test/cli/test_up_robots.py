@@ -1,4 +1,4 @@
-"""Tests of what ``delta3 up --robots`` shows and refuses."""
+"""Tests of ``delta3 up --robots``: output and rejections."""
 
 from pathlib import Path
 

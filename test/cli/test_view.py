@@ -1,4 +1,4 @@
-"""Tests of the command line of the page: what it refuses before it serves anything, and what its options do."""
+"""Tests of the command line of the page: effects of options and rejections before serving."""
 
 import os
 import queue

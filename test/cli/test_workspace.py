@@ -1,4 +1,4 @@
-"""Tests of ``delta3 workspace``: its figures of the workspace, its files, its refusals."""
+"""Tests of ``delta3 workspace``: figures of merit, files and rejections."""
 
 import json
 

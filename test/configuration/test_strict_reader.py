@@ -1,4 +1,4 @@
-"""Tests of the strict reader: every kind of file is told all its mistakes at once, with their places."""
+"""Tests of the strict reader: one report of all errors of a file, with their places."""
 
 from pathlib import Path
 from typing import Any

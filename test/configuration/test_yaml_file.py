@@ -1,4 +1,4 @@
-"""Tests of the reader of YAML and JSON: what a scalar is, and what is refused."""
+"""Tests of the reader of YAML and JSON: types of scalars and rejected input."""
 
 import json
 import math

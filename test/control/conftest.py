@@ -1,4 +1,4 @@
-"""A controller without ROS: planner and transformation task as pure state machines, drives that do as they are told."""
+"""A controller without ROS: planner and transformation task as pure state machines, and ideal drives."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of belts on a robot that is up, and those who stop it, disable it, take it over or ask for nonsense."""
+"""Tests of belt picking on a bus: stop, disable, change of control and invalid requests by operators."""
 
 import json
 import math

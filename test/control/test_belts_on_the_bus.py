@@ -1,4 +1,4 @@
-"""Tests of belts on a robot that is up: a script has the bits of its simulation, and is told the same."""
+"""Tests of belt picking on a bus: a script has the bits and the reports of its simulation."""
 
 import json
 

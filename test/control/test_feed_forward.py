@@ -1,4 +1,4 @@
-"""Tests of the torque that the task commands: of the whole model, for the motion that is there when it works."""
+"""Tests of the commanded torque: the complete model at the motion of the cycle in which it acts."""
 
 import numpy as np
 import pytest

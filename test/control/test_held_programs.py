@@ -1,4 +1,4 @@
-"""Held, overridden, resumed and extended in any order, a program is driven to its end: no corner is left out."""
+"""Held, overridden, resumed and extended in any order, a program runs to its end without a missing corner."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Tests of trajectories of arm angles in the transformation task: followed on the grid, held, resumed, cut off."""
+"""Tests of trajectories of arm angles in the transformation task: grid, hold, resume and truncation."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of what is said besides telegrams: it reads back as it was written, and anything else is refused."""
+"""Tests of messages other than telegrams: encoding, decoding and rejected content."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What fails changes nothing: requests that are refused, withdrawn or lost, and commands with a status other than 0."""
+"""Rejected, withdrawn and lost requests and failed commands change no state."""
 
 import json
 from collections.abc import Callable, Iterator

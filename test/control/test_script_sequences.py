@@ -1,4 +1,4 @@
-"""No order of what a script and the operators beside it ask for ends where the documented requests do not lead out."""
+"""After any sequence of requests by a script and operators, the documented requests make the robot ready."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""No order of requests ends where the documented requests do not lead out, and every answer is true."""
+"""After any sequence of requests, the documented requests make the robot ready, and every reply is true."""
 
 import json
 import os

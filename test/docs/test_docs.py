@@ -1,4 +1,4 @@
-"""The documentation builds without a warning, and reads without network."""
+"""The documentation builds without a warning and is readable without network."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""The pictures of the documentation are made by a script, which makes every one of them anew."""
+"""A script generates every picture of the documentation anew."""
 
 import re
 import struct

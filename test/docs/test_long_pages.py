@@ -1,4 +1,4 @@
-"""Every block of the pages whose commands compute for long runs as it stands, in a worker of its own."""
+"""Every block of the pages with long computations runs as printed, in a separate worker."""
 
 import pytest
 

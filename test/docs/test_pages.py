@@ -1,4 +1,4 @@
-"""Every block of the README and of the documentation runs as it stands.
+"""Every block of the README and of the documentation runs as printed.
 
 Pages whose commands compute for long: ``test_long_pages``; those that need a robot: ``../system``.
 """

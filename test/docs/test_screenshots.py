@@ -1,4 +1,4 @@
-"""The pictures of pages in the documentation are taken by a script, in the browser of the tests."""
+"""A script takes the screenshots of the documentation in the browser of the tests."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The map of the chapters is complete, and everything that it and the glossary name exists."""
+"""The map of the chapters is complete, and every name in it and in the glossary exists."""
 
 import importlib
 import re

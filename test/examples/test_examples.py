@@ -1,4 +1,4 @@
-"""Every example runs as it stands, and what it prints is so; those with a robot: ``test/system/test_examples.py``."""
+"""Every example runs and prints correct text; with a robot: ``test/system/test_examples.py``."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Identifies what the bits of a run depend on apart from the sources; imports nothing of the package."""
+"""Identifies the dependencies of the bits of a run apart from the sources; imports nothing of the package."""
 
 import hashlib
 import platform

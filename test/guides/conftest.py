@@ -1,4 +1,4 @@
-"""What the pages tell people to do with a robot: the shared fixtures are those of ``support/robots.py``."""
+"""Tests of the pages that instruct users with a robot; the shared fixtures are in ``support/robots.py``."""
 
 from robots import (  # noqa: F401  fixtures
     compiled,

@@ -1,4 +1,4 @@
-"""What is installed runs: the command of the README in a copy of the sources, and single nodes by their executables."""
+"""Tests of installed executables: the command of the README in a copy of the sources, and single nodes."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""Every block of the pages that need a robot runs as it stands. All other pages: ``../docs``."""
+"""Every block of the pages that need a robot runs as printed. All other pages: ``../docs``."""
 
 import pytest
 

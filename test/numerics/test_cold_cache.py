@@ -1,4 +1,4 @@
-"""The fact about a cache of compiled kernels in which there is nothing yet; ``test/run`` begins with it.
+"""Tests of an empty cache of compiled kernels; ``test/run`` runs them first.
 
 This module imports nothing of the package: the first import of a kernel already compiles some.
 """

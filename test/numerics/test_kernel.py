@@ -1,4 +1,4 @@
-"""Tests of the cache of compiled kernels: whose it is, what fills it, what does not spoil it."""
+"""Tests of the cache of compiled kernels: owner, compilation and resistance to damage."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tests of kernels of drives and plant for other devices: a CUDA compiler takes them, which needs no GPU."""
+"""Tests of the kernels of drives and plant with a CUDA compiler, which needs no GPU."""
 
 import importlib.util
 import subprocess

@@ -1,4 +1,4 @@
-"""Tests of programs from one of their statements on, and about going to their start before."""
+"""Tests of programs from a later statement on, and of the move to their start."""
 
 from dataclasses import replace
 

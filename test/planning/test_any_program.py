@@ -1,4 +1,4 @@
-"""Tests of whatever is given as a program: it is read and planned, or refused with one sentence."""
+"""Tests of arbitrary program files: each is planned or rejected with one message."""
 
 import contextlib
 import datetime as dt

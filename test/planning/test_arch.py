@@ -1,4 +1,4 @@
-"""Tests of arches: their shape keeps the clearances, and is the best of those that do."""
+"""Tests of arches: clearances, and the optimal shape that keeps them."""
 
 import numpy as np
 import pytest

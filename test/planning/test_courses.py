@@ -1,4 +1,4 @@
-"""Tests of what moves share that do not depend on the robot: each has limits, payloads and a time of its own."""
+"""Tests of the common part of moves that does not depend on the robot: limits, payloads and times."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Tests of motion profiles: a plan that is started, held, resumed and overridden keeps to its path and limits."""
+"""Tests of plan execution: path and limits during start, hold, resume and override."""
 
 import math
 from dataclasses import replace

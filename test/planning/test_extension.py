@@ -1,4 +1,4 @@
-"""Tests of plans that become longer while they are driven: what stays, what is checked, what goes on unchanged."""
+"""Tests of the extension of a running plan: fixed part, checks and continuity."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of programs that tell points in frames, for tools, and at the places of patterns."""
+"""Tests of programs with points in frames, for tools, and at the places of patterns."""
 
 import math
 

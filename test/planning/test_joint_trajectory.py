@@ -1,4 +1,4 @@
-"""Tests of trajectories of arm angles: their polynomials, the TCP that follows from them, and what is refused."""
+"""Tests of trajectories of arm angles: polynomials, resulting TCP motion and rejections."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of files of learned torques, and for which plan and robot they are."""
+"""Tests of files of learned torques, and of the plans and robots that they fit."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Tests of outputs that switch before or after the end of a move: by distance and by time, as valves need it."""
+"""Tests of output switching before or after the end of a move, by distance and by time."""
 
 import numpy as np
 import pytest

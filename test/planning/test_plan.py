@@ -1,4 +1,4 @@
-"""Tests of plans: messages to the last bit, what is refused of a stranger's plan, moves one after the other."""
+"""Tests of plans: lossless messages, rejection of invalid plans, and sequence of moves."""
 
 import math
 import re

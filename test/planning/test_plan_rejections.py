@@ -1,4 +1,4 @@
-"""Tests of what is not planned: one sentence for each reason, with the place of the mistake."""
+"""Tests of rejected programs: one message for each reason, with the place of the error."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""When moves are driven and outputs change: a plan says it as the task does it."""
+"""Tests of the times in a plan: moves and outputs agree with the task."""
 
 from itertools import pairwise
 

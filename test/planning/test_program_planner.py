@@ -1,4 +1,4 @@
-"""Tests of planning: where programs start and end, where outputs lie, and how cubics follow each other."""
+"""Tests of planning: start and end of programs, places of outputs, and sequences of cubics."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of units that keys of a program say, and about points that are told from others."""
+"""Tests of units in keys of a program, and of points relative to others."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of going on after a fault: the path that is left is all of it, once, from where the robot stands."""
+"""Tests of resuming after a fault: the complete rest of the path, once, from the present position."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of rounds of a program that blends join, so that the robot need not stop between them."""
+"""Tests of program rounds joined by blends, so that the robot need not stop between them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The speed over blended sequences: every place runs at the speed that its own limits allow."""
+"""Tests of the speed over blended sequences: every place runs at the speed that its own limits allow."""
 
 from dataclasses import replace
 

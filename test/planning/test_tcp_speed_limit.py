@@ -1,4 +1,4 @@
-"""Tests of the one limit of TCP speed: every kind of motion keeps it, whatever asks for more."""
+"""Tests of the limit of TCP speed in every kind of motion."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of time-optimal moves against the optimum that direct collocation finds: CasADi with IPOPT."""
+"""Tests of time-optimal moves against the optimum of direct collocation: CasADi with IPOPT."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Tests of moves in which the tool turns: the turn over the path, and the limits of the rotary axis."""
+"""Tests of moves with tool rotation: the turn over the path, and the limits of the rotary axis."""
 
 import math
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Tests of the acquisition of an oscilloscope: triggers, pre-trigger, modes, and samples that are lost."""
+"""Tests of the acquisition of an oscilloscope: triggers, pre-trigger, modes and lost samples."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of bags that are damaged, cut off, or never closed."""
+"""Tests of damaged, truncated and unclosed bags."""
 
 import json
 

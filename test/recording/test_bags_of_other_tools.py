@@ -1,4 +1,4 @@
-"""Tests of bags of other tools: whatever is there is read, and a sentence names missing and assumed parts."""
+"""Tests of bags of other tools: partial reading, with a message about missing and assumed parts."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Tests of files of records: what was recorded is read again in each form, and what is no record is refused."""
+"""Tests of files of oscilloscope records: each format keeps the record, and other content is rejected."""
 
 import numpy as np
 import pytest

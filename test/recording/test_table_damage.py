@@ -1,4 +1,4 @@
-"""Tests of tables that were damaged: whatever the bytes are, there is a trace or one sentence."""
+"""Tests of damaged tables: any bytes give a trace or one message."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Tests of trace files: a bag saved as one is the same recording, and damage is told."""
+"""Tests of trace files: equality with the bag, and reports of damage."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Tests of CSV traces: every unit that is read means what it says, every column goes to its own signal."""
+"""Tests of CSV traces: units, and assignment of columns to signals."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Tests of units in CSV traces, and the one sentence that a bad trace gets."""
+"""Tests of units in CSV traces, and of the message for invalid traces."""
 
 import numpy as np
 import pytest

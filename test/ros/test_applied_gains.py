@@ -1,4 +1,4 @@
-"""Gains in the drives of a robot on the graph: applied while it is in torque, taken back, or refused as a whole."""
+"""Tests of gains in the drives of a robot on the graph: applied under torque, restored, or rejected as a set."""
 
 import contextlib
 from pathlib import Path

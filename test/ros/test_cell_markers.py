@@ -1,4 +1,4 @@
-"""Tests of the cell as markers: things and parts lie where they are, and what is gone is taken away."""
+"""Tests of the cell as markers: poses of things and parts, and removal of old markers."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Faults on the running graph: lost telegrams, a broken encoder, an overload; what the others do, and what is said."""
+"""Tests of faults on the running graph: lost telegrams, a broken encoder, an overload; reactions and messages."""
 
 from collections.abc import Callable
 from typing import Any

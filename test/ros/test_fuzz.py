@@ -1,4 +1,4 @@
-"""Whatever is sent to planner and task: no node dies, nothing moves that was not started, and the robot stays ready."""
+"""Tests of random messages to planner and task: no crash, no unrequested motion, and a ready robot."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Tests of the layouts for RViz, Foxglove and PlotJuggler: what they show is what the robot publishes."""
+"""Tests of the layouts for RViz, Foxglove and PlotJuggler against the published topics."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Tests of kernels: whatever a bus cycle calls was loaded before the nodes began."""
+"""Tests of kernels: all kernels of a bus cycle are loaded before the nodes start."""
 
 from pathlib import Path
 

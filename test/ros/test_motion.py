@@ -1,4 +1,4 @@
-"""Moves asked for by any ROS client: queue, start, hold, resume, override, abort, outputs, refusals, over real DDS."""
+"""Tests of moves by any ROS client: queue, start, hold, resume, override, abort, outputs, rejections, over real DDS."""
 
 import itertools
 import json

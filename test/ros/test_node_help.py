@@ -1,4 +1,4 @@
-"""Tests of the command line of a node: its help comes from the tables, and a stray word starts nothing."""
+"""Tests of the command line of a node: help from the tables, and rejection of extra arguments."""
 
 import os
 import subprocess

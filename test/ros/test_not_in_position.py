@@ -1,4 +1,4 @@
-"""A robot on the graph that does not come into its position window: whoever drives it is told, and fails."""
+"""Tests of a robot that does not reach its position window: every client reports it and fails."""
 
 import contextlib
 from pathlib import Path

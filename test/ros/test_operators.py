@@ -1,4 +1,4 @@
-"""Several operators of one robot: whose answer is whose, who has control, and what is said when nobody can move it."""
+"""Tests of several operators of one robot: assignment of replies, control, and messages without control."""
 
 import json
 import threading

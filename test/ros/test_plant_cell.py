@@ -1,4 +1,4 @@
-"""Tests of the cell of a plant node by topic: inputs that are set, and not by a bag; poses of parts in pictures."""
+"""Tests of the cell of a plant node by topic: inputs, rejected bags, and poses of parts for pictures."""
 
 from dataclasses import replace
 from itertools import count

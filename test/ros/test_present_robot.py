@@ -1,4 +1,4 @@
-"""Tests of clients of a robot while a recording is played back: they believe the session of the robot that is up."""
+"""Tests of clients during the playback of a recording: they use the session of the live robot."""
 
 from types import SimpleNamespace
 from typing import Any

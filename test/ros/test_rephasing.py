@@ -1,4 +1,4 @@
-"""Partners that die or come back, second masters, strangers: the others stop, name who it was, and phase up again."""
+"""Tests of lost and returning partners, second masters and foreign messages: stop, message, new phase-up."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Bags that are played back into a live robot: nothing moves, no node ends, and one sentence says what was refused."""
+"""Tests of bags played back into a live robot: no motion, no crash, and one message about the rejection."""
 
 import tempfile
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One request, one answer: moves by a service with text in and text out, and what is told of each, over real DDS."""
+"""Tests of requests over real DDS: one reply per request, moves by a text service, and their reports."""
 
 import json
 from collections.abc import Callable

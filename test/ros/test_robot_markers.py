@@ -1,4 +1,4 @@
-"""Tests of the markers themselves: what a line of the error says, what is shown of long paths and of no place."""
+"""Tests of the markers of the robot: error line, long paths, and missing positions."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of a robot with a rotary axis on the running graph: its fourth drive, its turns, and what is refused."""
+"""Tests of a robot with a rotary axis on the running graph: fourth drive, turns and rejections."""
 
 import math
 from typing import Any

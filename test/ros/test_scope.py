@@ -1,4 +1,4 @@
-"""The oscilloscope on the running graph: the samples of the simulation, one user at a time, clear refusals."""
+"""Tests of the oscilloscope on the running graph: samples of the simulation, exclusive use and rejections."""
 
 import json
 from typing import Any

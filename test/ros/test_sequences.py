@@ -1,4 +1,4 @@
-"""Random sequences of requests to a real graph: every answer comes, and the documented requests lead out."""
+"""Tests of random sequences of requests to a real graph: complete replies, and recovery by documented requests."""
 
 import random
 from typing import Any

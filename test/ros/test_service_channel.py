@@ -1,4 +1,4 @@
-"""The service channel on the running graph: values by IDN beside the cyclic data, and as ROS parameters."""
+"""Tests of the service channel on the running graph: values by IDN during cyclic data, and as ROS parameters."""
 
 import contextlib
 import math

@@ -1,4 +1,4 @@
-"""What strangers publish on the robot's topics: nothing ends a node, and what is forged well enough ends in a stop."""
+"""Tests of foreign messages on the robot's topics: no crash, and a stop after a plausible forgery."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Tests of what a robot publishes: every topic against the telegrams that it is made of, and who hears it."""
+"""Tests of the published topics against their telegrams, and of their subscribers."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Tests of catalogue and soak on a robot in this process: a fault leaves evidence, and a robot without it none."""
+"""Tests of catalogue and soak on a robot in this process: evidence with a fault, and none without."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Tests of what a robot looks like whose arms are calibrated, each for itself."""
+"""Tests of the picture of a robot with individually calibrated arms."""
 
 from xml.etree import ElementTree as ET
 

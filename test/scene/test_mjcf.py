@@ -1,4 +1,4 @@
-"""Tests of the exported model for MuJoCo: it is the robot, begins closed and at home, and moves like the plant."""
+"""Tests of the exported model for MuJoCo: structure, closed start at home, and motion like the plant."""
 
 import numpy as np
 import pytest

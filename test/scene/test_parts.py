@@ -1,4 +1,4 @@
-"""Tests of the parts of the robot: their sizes are those of the parameters, and a page can read them."""
+"""Tests of the parts of the robot: sizes from the parameters, and a form for pages."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of where the parts of the robot are: every loop closes, rods keep their length, the plate stays level."""
+"""Tests of the poses of the parts of the robot: closed loops, constant rod lengths, and a level plate."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the rotary axis that is seen: its bar reaches from the motor to the tool, and what turns is turned."""
+"""Tests of the picture of the rotary axis: the bar from motor to tool, and rotated parts."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of scripts in a cell: sensors, a vacuum switch and parts answer what the script does."""
+"""Tests of scripts in a cell: reactions of sensors, a vacuum switch and parts."""
 
 import numpy as np
 import pytest

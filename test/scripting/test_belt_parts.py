@@ -1,4 +1,4 @@
-"""Tests of parts on the belts of a script: told by a camera or a light barrier, handed out, put down."""
+"""Tests of parts on the belts of a script: detection by camera or light barrier, assignment and placing."""
 
 import numpy as np
 import pytest

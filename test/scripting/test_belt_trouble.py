@@ -1,4 +1,4 @@
-"""Tests of belts on which something goes wrong: robot and parts are in a defined state, and the script goes on."""
+"""Tests of failures at belts: defined states of robot and parts, and a script that continues."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of scripts on belts with real drives: where the true TCP is, and that nothing else changes."""
+"""Tests of scripts on belts with real drives: true TCP position, and unchanged other signals."""
 
 import numpy as np
 import pytest

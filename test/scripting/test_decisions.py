@@ -1,4 +1,4 @@
-"""Tests of scripts in a simulation: when decisions are taken, and when they take effect."""
+"""Tests of scripts in a simulation: times of decisions and of their effects."""
 
 import numpy as np
 import pytest

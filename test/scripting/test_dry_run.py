@@ -1,4 +1,4 @@
-"""Tests of ``delta3 plan`` of scripts: what the planner makes of each move, without keeping what is driven."""
+"""Tests of ``delta3 plan`` of scripts: planned moves, without storage of the driven ones."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of frames, tools, cubics, arm angles and named outputs in scripts: what programs have, scripts have."""
+"""Tests of frames, tools, cubics, arm angles and named outputs in scripts, as in programs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of what scripts may not do: each refusal has its code, one sentence, file and line."""
+"""Tests of rejected actions of scripts: each rejection has a code, a message, file and line."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Tests of script files: what they must have, what goes wrong in them, and ``delta3 simulate`` of them."""
+"""Tests of script files: required content, errors, and ``delta3 simulate`` of them."""
 
 import json
 import re

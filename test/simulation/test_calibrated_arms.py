@@ -1,4 +1,4 @@
-"""Tests of a controller that knows how its arms are built: five figures of each arm, calibrated."""
+"""Tests of a controller with calibrated arms: five parameters of each arm."""
 
 import numpy as np
 import pytest

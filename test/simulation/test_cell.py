@@ -1,4 +1,4 @@
-"""Tests of a robot in a cell: it carries what it really has, and without a cell nothing is otherwise."""
+"""Tests of a robot in a cell: true payload, and equality with a robot without a cell."""
 
 import numpy as np
 import pytest

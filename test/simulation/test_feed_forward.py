@@ -1,4 +1,4 @@
-"""Tests of what feed-forward of the whole model reaches: small errors, no higher currents, and stops as before."""
+"""Tests of feed-forward with the complete model: small errors, equal currents, unchanged stops."""
 
 import numpy as np
 import pytest

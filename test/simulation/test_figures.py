@@ -1,4 +1,4 @@
-"""Tests of the figures of a run: each is what its name says, by an independent computation from the trace."""
+"""Tests of the figures of a run against independent computations from the trace."""
 
 import math
 

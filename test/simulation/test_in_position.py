@@ -1,4 +1,4 @@
-"""Tests of how runs end: the robot is in position, or they fail with a sentence."""
+"""Tests of the end of runs: the robot is in position, or the run fails with a message."""
 
 import json
 import math

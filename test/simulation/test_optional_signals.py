@@ -1,4 +1,4 @@
-"""Tests of signals of a simulation on request: they are what the machine does, and it does not notice them."""
+"""Tests of optional signals of a simulation: correct values, without effect on the machine."""
 
 import numpy as np
 import pytest

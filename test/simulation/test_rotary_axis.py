@@ -1,4 +1,4 @@
-"""Tests of a robot that turns its tool, in the simulation: the turn stays with the path, its drive is the fourth."""
+"""Tests of the simulation of a robot with a rotary axis: turn along the path, and the fourth drive."""
 
 import math
 

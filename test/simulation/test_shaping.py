@@ -1,4 +1,4 @@
-"""Tests of the built robot after a stop: input shaping leaves little of its vibration, at its true TCP."""
+"""Tests of the built robot after a stop: residual vibration of the true TCP with input shaping."""
 
 import json
 import math

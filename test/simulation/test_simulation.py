@@ -1,4 +1,4 @@
-"""Tests of whole runs of the machine without ROS: experiment 1, its errors and currents, and that bits repeat."""
+"""Tests of whole runs of the machine without ROS: experiment 1, its errors and currents, and equal bits."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Tests of time-optimal moves of the coupled robot: drives, motors and arms keep what the plan has promised."""
+"""Tests of time-optimal moves of the coupled robot: drives, motors and arms against the plan."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Every report of a study that a test of this folder writes is read: tables, text and figures against the summary."""
+"""Checks every report that a test of this folder writes: tables, text and figures against the summary."""
 
 import pytest
 

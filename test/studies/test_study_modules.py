@@ -1,4 +1,4 @@
-"""Tests of the modules of a study: model, data, report and figures, run, each imported only by what comes after."""
+"""Tests of the modules of a study: model, data, report and figures, run, each imported by later ones only."""
 
 import ast
 from pathlib import Path

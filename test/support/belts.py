@@ -1,4 +1,4 @@
-"""A cell with one belt for tests, a script that picks from it, and how far the true TCP was from the true part."""
+"""A cell with one belt for tests, a picking script, and the distance between true TCP and true part."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Runs a test for many cheap cases in one go: thousands of tests of their own take longer than what they check."""
+"""Runs a test for many cheap cases in one test, because the overhead of thousands of tests is larger."""
 
 import functools
 import inspect

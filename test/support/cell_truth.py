@@ -1,4 +1,4 @@
-"""What the cell of a simulation truly does, bus cycle by bus cycle, and what a robot on the bus would tell of it."""
+"""The true states of the cell of a simulation by bus cycle, and the expected reports of a robot on the bus."""
 
 import json
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The shortest time over a path by direct collocation: CasADi and IPOPT, which know nothing of the planner under test.
+"""The shortest time over a path by direct collocation: CasADi and IPOPT, independent of the tested planner.
 
 Speed and acceleration of the master at fixed places of the path are the unknowns. The places are those that a known
 motion passes in even steps of time, so that they lie close where it begins and ends. The equation of motion, speed,

@@ -1,4 +1,4 @@
-"""Three MC-4 drives on the plant, or one by itself, as the facts about drives use them."""
+"""Three MC-4 drives on the plant, or a single one, for the tests of drives."""
 
 import math
 

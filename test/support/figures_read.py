@@ -1,4 +1,4 @@
-"""Read figures as people do: titles, names and units of axes, legends, and every curve in the unit of its axis.
+"""Reads titles, names and units of axes, legends, and every curve in the unit of its axis.
 
 ``figure_contents`` declares for each function that draws a figure which signals, in SI units, are its curves. A label
 names its unit in square brackets; the drawn numbers must be the signal in that unit.

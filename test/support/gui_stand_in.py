@@ -1,4 +1,4 @@
-"""A stand-in for the gui of the page: what is added to it is known by its label, and can be used as people do."""
+"""A substitute for the gui of the page: added elements are found by their labels and can be operated."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace

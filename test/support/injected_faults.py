@@ -1,4 +1,4 @@
-"""Faults that tests inject: one of each kind, and a program that they happen to."""
+"""Faults that tests inject: one of each kind, and a program during which they occur."""
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.planning.program import file_reader as programs

@@ -1,4 +1,4 @@
-"""Lines for tests: short ones, a bound of what any allocation could pick, and what can be picked knowing all parts."""
+"""Lines for tests: short ones, an upper bound for any allocation, and the optimum with all parts known."""
 
 import math
 from copy import deepcopy

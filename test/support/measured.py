@@ -1,4 +1,4 @@
-"""Measurements of a robot whose arms are not as drawn, as kinematics has them: no drives, no gears."""
+"""Measurements of a robot with deviating arms by its kinematics, without drives and gears."""
 
 import functools
 

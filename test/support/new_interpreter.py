@@ -1,4 +1,4 @@
-"""What a new interpreter prints: for facts about what is loaded, and when."""
+"""The output of a new interpreter, for tests of imports."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What a report page holds, read back as its scripts do, but in Python."""
+"""The data of a report page, decoded in Python as its scripts do."""
 
 import base64
 import json

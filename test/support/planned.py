@@ -1,4 +1,4 @@
-"""Programs in short notation, their plans, and what a planned move asks of the TCP and of the motors."""
+"""Programs in short notation, their plans, and the loads of TCP and motors in a planned move."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A planner without its node, and what a test says to it."""
+"""A planner without its node, and the messages of a test to it."""
 
 import json
 from dataclasses import replace

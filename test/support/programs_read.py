@@ -1,4 +1,4 @@
-"""Programs as documents and files, and how they are refused."""
+"""Programs as documents and files, and their rejections."""
 
 import pytest
 

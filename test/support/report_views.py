@@ -1,4 +1,4 @@
-"""A report page in a browser: it goes to instants, and what it draws is looked at."""
+"""A report page in a browser: choice of the instant, and checks of the drawing."""
 
 import io
 

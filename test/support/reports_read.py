@@ -1,4 +1,4 @@
-"""Read reports as people do: cells of tables by heading, numbers of lines of text, and curves of figures.
+"""Reads cells of tables by heading, numbers of lines of text, and curves of figures.
 
 ``report_contents``, ``series_contents`` and ``text_contents`` declare which number of the summary belongs in which cell
 and in which line, ``place_figures.CONTENTS`` which signals are the curves of a figure. ``reading`` checks every report

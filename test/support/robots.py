@@ -1,4 +1,4 @@
-"""Fixtures of the tests that use ROS: a domain of their own, localhost only, nothing left behind."""
+"""Fixtures of the tests that use ROS: a separate domain, localhost only, complete clean-up."""
 
 import fcntl
 import os

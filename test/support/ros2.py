@@ -1,4 +1,4 @@
-"""Stands in for the ``ros2`` command line, which the package index does not have, as far as the pages use it.
+"""Replaces the ``ros2`` command line, which the package index does not have, as far as the pages use it.
 
     ros2 run PACKAGE EXECUTABLE [ARGUMENTS]
     ros2 launch FILE

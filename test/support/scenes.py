@@ -1,4 +1,4 @@
-"""Places, robots and rods for the facts about what the robot looks like."""
+"""Places, robots and rods for the tests of the picture of the robot."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A robot on its bus as scripts know it, without ROS: the controller of the nodes, and simulated drives behind it."""
+"""A robot on its bus for scripts, without ROS: the controller of the nodes, and simulated drives."""
 
 from collections import deque
 from typing import Any

@@ -1,4 +1,4 @@
-"""Figures of merit of tables of samples: what the summary says of them, computed again from their columns.
+"""Figures of merit of tables of samples: the values of the summary, computed again from their columns.
 
 A function per table, of the summary, the columns by their headings, and the name of the table; it yields a text, the
 number of the table, that of the summary, and how far they may be apart, relative to it.

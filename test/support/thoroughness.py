@@ -1,4 +1,4 @@
-"""How much each run of the tests looks at: of many cases some, or all of them with ``DELTA3_LONG=1``."""
+"""The share of cases that each run of the tests covers: some, or all with ``DELTA3_LONG=1``."""
 
 import os
 from collections.abc import Collection, Iterable

@@ -1,4 +1,4 @@
-"""The examples that need a robot run as they stand beside one; the others: ``test/examples``."""
+"""The examples that need a robot run as printed with one; the others: ``test/examples``."""
 
 import signal
 import subprocess

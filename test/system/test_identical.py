@@ -1,4 +1,4 @@
-"""The same program gives the same bits however and wherever it runs."""
+"""The same program gives the same bits in every environment."""
 
 import json
 import signal

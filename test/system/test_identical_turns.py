@@ -1,4 +1,4 @@
-"""A tool that turns gives the same bits on the graph and in the simulation, with one rotary axis or two."""
+"""Tool rotation gives the same bits on the graph and in the simulation, with one rotary axis or two."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""What becomes of a cell, of the script that works in it, and of the robot when the master of its bus is killed."""
+"""Tests of a killed bus master: effects on the cell, its script and the robot."""
 
 import json
 import re

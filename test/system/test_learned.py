@@ -1,4 +1,4 @@
-"""``delta3 up --learned`` and ``delta3 move``: which programs go with learned torques, and what is said about it."""
+"""Tests of ``delta3 up --learned`` and ``delta3 move``: programs with learned torques, and messages."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""``delta3 up --markers``: a robot with everything that ROS tools want to see, as real processes."""
+"""Tests of ``delta3 up --markers``: a robot with all topics for ROS tools, as real processes."""
 
 import os
 import signal

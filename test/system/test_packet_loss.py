@@ -1,4 +1,4 @@
-"""Packets that are lost in one direction between processes of a robot: it comes up again, and all hear each other."""
+"""Tests of packets lost in one direction between processes of a robot: repeated phase-up and full communication."""
 
 import json
 import os

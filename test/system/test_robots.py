@@ -1,4 +1,4 @@
-"""``delta3 up --robots``: two real robots under one supervisor, asked together, of which one dies."""
+"""Tests of ``delta3 up --robots``: two real robots under one supervisor, common requests, and death of one."""
 
 import json
 import os

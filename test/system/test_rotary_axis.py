@@ -1,4 +1,4 @@
-"""Tests of a robot with a rotary axis that is up, from the command line: its processes, what it does and tells."""
+"""Tests of a running robot with a rotary axis from the command line: processes, motion and reports."""
 
 import signal
 import subprocess

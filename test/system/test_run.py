@@ -1,4 +1,4 @@
-"""``delta3 run`` as a user meets it: good runs, interruptions, deaths; and how ``delta3 up`` ends."""
+"""Tests of ``delta3 run`` for users: good runs, interruptions, killed processes; and the end of ``delta3 up``."""
 
 import contextlib
 import ctypes

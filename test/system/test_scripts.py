@@ -1,4 +1,4 @@
-"""Scripts on robots that are up: the same bits as in a simulation, and what becomes of a robot whose script is gone."""
+"""Tests of scripts on running robots: the bits of a simulation, and the robot after the end of its script."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""A robot whose drives are on another host: the bits of the simulation, whatever the link loses, and a way back."""
+"""Tests of a robot with drives on another host: bits of the simulation, lost packets, and recovery."""
 
 import subprocess
 import sys

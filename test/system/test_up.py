@@ -1,4 +1,4 @@
-"""``delta3 up`` and ``delta3 move``: the real executables, as a motion programmer uses them."""
+"""Tests of ``delta3 up`` and ``delta3 move``: the real executables, as a motion programmer uses them."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""``delta3 view`` with a robot that is up: what people do on the page happens to the robot."""
+"""Tests of ``delta3 view`` with a running robot: user actions on the page reach the robot."""
 
 import ipaddress
 import json

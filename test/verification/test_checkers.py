@@ -1,4 +1,4 @@
-"""Tests of the checkers: each is shown a broken robot and says so, and a sound one and says nothing."""
+"""Tests of the checkers: each reports a broken robot and passes a sound one."""
 
 import math
 from dataclasses import replace

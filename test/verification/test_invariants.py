@@ -1,4 +1,4 @@
-"""What a soak holds telegrams against: a healthy robot passes, and every mutation of its telegrams is seen."""
+"""Tests of the invariants of telegrams in a soak: a healthy robot passes, and every mutation is detected."""
 
 import mmap
 import os

@@ -1,4 +1,4 @@
-"""Tests of what the catalogue of faults and the soak print: each number in its unit, each failure with a reason."""
+"""Tests of the output of fault catalogue and soak: units of numbers, and reasons of failures."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of the cell in three dimensions: where things and parts are, and that nothing is sent that is as it was."""
+"""Tests of the cell in three dimensions: poses of things and parts, and no unchanged data is sent."""
 
 import numpy as np
 import pytest

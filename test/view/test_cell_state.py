@@ -1,4 +1,4 @@
-"""Tests of the cell of a robot that is up, from what is told of it: no message of a stranger counts."""
+"""Tests of the cell of a running robot from its messages, without effect of foreign ones."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of what people can press, choose and move on the page, without a browser: what each thing asks for."""
+"""Tests of the controls of the page without a browser: the request of each element."""
 
 import asyncio
 import json

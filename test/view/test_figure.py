@@ -1,4 +1,4 @@
-"""Tests of the robot in three dimensions: its parts hang together as the scene has them."""
+"""Tests of the robot in three dimensions: its parts are connected as in the scene."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Tests of the ghost: where it stands, how its tool is turned, and when there is none."""
+"""Tests of the ghost: position, rotation of its tool, and visibility."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of jogging: when a button counts as held, what was set off is stopped, and where a jog ends."""
+"""Tests of jogging: held buttons, stop of the motion, and end position."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of what people choose to see on the page: each thing shows or hides what it names, and nothing else."""
+"""Tests of the visibility choices of the page: each affects only its own elements."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of what there is to read beside the picture."""
+"""Tests of the numbers shown with the picture."""
 
 import re
 from dataclasses import replace

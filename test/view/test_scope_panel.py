@@ -1,4 +1,4 @@
-"""Tests of the oscilloscope on the page: what is asked for, and what is drawn of a record."""
+"""Tests of the oscilloscope on the page: requests, and drawings of a record."""
 
 import json
 from unittest.mock import MagicMock

@@ -1,4 +1,4 @@
-"""Tests of where the page is served."""
+"""Tests of the address of the page."""
 
 import os
 import socket

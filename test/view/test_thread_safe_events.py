@@ -1,4 +1,4 @@
-"""Tests of the waking of connections from other threads."""
+"""Tests of events that other threads set."""
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""Tests of the volume of a workspace on the page: its slices are those of the file, in the colours of the legend."""
+"""Tests of the volume of a workspace on the page: slices of the file, in the colours of the legend."""
 
 from unittest.mock import MagicMock
 

@@ -1,4 +1,4 @@
-"""Tests of the controller's part of a bus cycle: which fault stops the robot, from which cycle on, and how hard."""
+"""Tests of the controller's part of a bus cycle: faults that stop the robot, first cycle and kind of stop."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of joint motion on line: what the Jacobian makes of the motion of the TCP, one by one or all at once."""
+"""Tests of joint motion in the cycle: the Jacobian of the TCP motion, for one axis and for all."""
 
 import numpy as np
 import pytest

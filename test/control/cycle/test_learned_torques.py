@@ -1,4 +1,4 @@
-"""Tests of learned torques in the transformation task: with which program they go, and when they are dropped."""
+"""Tests of learned torques in the transformation task: matching programs and reasons to discard them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of plans on their way in: what is taken, and what spoils an order."""
+"""Tests of received plans: accepted plans and reasons to reject an order."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests of the path that views draw: of accepted orders only, whole, also for who joins late."""
+"""Tests of the path for views: complete, from accepted orders only, and available to late subscribers."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of the robot's position: a program ends, and leaves an exact stop, when every drive is within its window."""
+"""Tests of the position window: programs end and exact stops finish with every drive within its window."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The schedule of pending events of the transformation task."""
+"""Tests of the schedule of pending events of the transformation task."""
 
 from delta3_pacdrive.control.cycle.stages import Event, Schedule
 from delta3_pacdrive.robot.sercos.bus_time import NEVER

@@ -1,4 +1,4 @@
-"""Tests of control of the robot: who has it, who loses it, and who is refused by name."""
+"""Tests of control of the robot: ownership, loss, and rejections that name the owner."""
 
 import pytest
 

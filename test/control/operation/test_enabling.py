@@ -1,4 +1,4 @@
-"""Tests of enabling and disabling the drives, and about clearing their faults."""
+"""Tests of enabling and disabling the drives, and of clearing their faults."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests of the transformation task's end of orders: whose are taken, and what becomes of those taken back."""
+"""Tests of orders in the transformation task: accepted senders and withdrawn orders."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of the watch over planners: who is listened to, and when a program has lost its planner."""
+"""Tests of the monitor of planners: the accepted planner, and programs without their planner."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of the controller of a robot, without ROS: it comes up, runs, loses partners, recovers."""
+"""Tests of the robot controller without ROS: start, run, loss of partners and recovery."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests of the state of the robot: every row of the table of transitions, and what is refused besides."""
+"""Tests of the robot state: every row of the transition table, and rejected events."""
 
 from typing import Any
 

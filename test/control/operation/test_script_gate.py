@@ -1,4 +1,4 @@
-"""Tests of the gate of a script: the bus waits for decisions, and these have the same effect on every bus."""
+"""Tests of the script gate: the bus waits for decisions, which have the same effect on every bus."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of a script that asks the controller of a robot: who may, what it is told, and what ends it."""
+"""Tests of requests of a script to the controller: permission, replies and end of the script."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of what scripts wait for: a condition is met in the same bus cycle on every bus."""
+"""Tests of the wait conditions of scripts: each is met in the same bus cycle on every bus."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of moves that follow while the robot moves or is held: the path goes on without a jump, whatever comes."""
+"""Tests of moves appended during motion or hold: the path continues without a jump."""
 
 import json
 from dataclasses import replace

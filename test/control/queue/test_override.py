@@ -1,4 +1,4 @@
-"""Tests of the override: when a change counts, and what becomes of one that comes too late."""
+"""Tests of the override: time of effect, and changes that arrive too late."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the planner: whom it believes, what it answers and when, and what it does when nobody answers it."""
+"""Tests of the planner: trusted senders, replies and their times, and missing replies."""
 
 from dataclasses import replace
 from typing import Any

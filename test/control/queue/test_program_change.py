@@ -1,4 +1,4 @@
-"""Tests of a change of the running program: every row of its table, and what holds after any events."""
+"""Tests of a change of the running program: every row of its table, and invariants for any events."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests of the queue: one program that grows, and what is known of its plan."""
+"""Tests of the queue: one growing program and the known part of its plan."""
 
 from typing import Any
 

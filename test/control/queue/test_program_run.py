@@ -1,4 +1,4 @@
-"""Tests of the program that was ordered last: every row of its table, and what holds after any events."""
+"""Tests of the program ordered last: every row of its table, and invariants for any events."""
 
 from typing import Any
 

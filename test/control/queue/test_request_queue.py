@@ -1,4 +1,4 @@
-"""Tests of requests that wait: they are served in their order, taken back by their operator, and not for ever."""
+"""Tests of waiting requests: order, withdrawal by their operator, and time limit."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Tests of tracked requests: each change is told once, and a request is done when its last statement is."""
+"""Tests of tracked requests: one report per change, and completion with the last statement."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of the newest word of the transformation task: which words a planner believes."""
+"""Tests of the latest status of the transformation task: accepted and ignored messages."""
 
 from dataclasses import replace
 

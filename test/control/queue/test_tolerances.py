@@ -1,4 +1,4 @@
-"""Tests of tolerances of trajectories: violated on the way or at the end, told once, with axis, value and limit."""
+"""Tests of path and goal tolerances of trajectories: one report with axis, value and limit."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of trajectories of arm angles that are asked for: when they begin, what is late, what stops them."""
+"""Tests of requested trajectories of arm angles: start, late points and stops."""
 
 import json
 

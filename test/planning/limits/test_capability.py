@@ -1,4 +1,4 @@
-"""Tests of what the robot can do at a pose, each against the equations of the machine over many directions."""
+"""Tests of the capability at a pose, against the equations of the machine in many directions."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the energy of a motion: where it goes adds up."""
+"""Tests of the energy balance of a motion."""
 
 import numpy as np
 import pytest

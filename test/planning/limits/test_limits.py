@@ -1,4 +1,4 @@
-"""Tests of limits where they bind: what the planner allows is used up, and not exceeded.
+"""Tests of active limits: the planner reaches the allowed values and does not exceed them.
 
 Nothing here takes the planner's own word: speed, acceleration and jerk of the TCP are differences of its sampled
 positions, the motors are differences of inverse kinematics, (4.26), friction and the winding's equation.

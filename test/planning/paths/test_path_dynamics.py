@@ -1,4 +1,4 @@
-"""Tests of what a path asks of arms and motors."""
+"""Tests of the load of arms and motors on a path."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of profiles: rounding never rejects one, none exceeds a limit or takes longer than the optimum."""
+"""Tests of profiles: robustness to rounding, limits, and duration of at most the optimum."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of frames of work objects and about tools."""
+"""Tests of frames of work objects and of tools."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of program files: what each statement means, and the one sentence with which a bad one is refused."""
+"""Tests of program files: meaning of each statement, and the message for invalid statements."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Tests of the barrier of time-optimal motions: its value, its slope and its bend, whatever fills the last block."""
+"""Tests of the barrier of time-optimal motions: value, gradient and curvature, for any size of the last block."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of blends: how moves follow each other without a stop."""
+"""Tests of blends: sequences of moves without a stop."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Constant speed along a path: what is accepted is even, and what a refusal names is true."""
+"""Tests of constant path speed: evenness of accepted moves and correct values in rejections."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Tests of a planned move: what it keeps of the limits of TCP and motors, and when it is slowed down."""
+"""Tests of a planned move: limits of TCP and motors, and reductions of speed."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Tests of input shaping: what a shaped master is, and that it leaves a vibration behind or not."""
+"""Tests of input shaping: the shaped master and the residual vibration."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of time-optimal moves: how fast they are, and that they keep every limit of motors and TCP."""
+"""Tests of time-optimal moves: duration, and limits of motors and TCP."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the fastest master within limits that depend on the place, and the moving average over its speed."""
+"""Tests of the fastest master within limits that depend on the place, and of the moving average over its speed."""
 
 import logging
 import math

@@ -1,4 +1,4 @@
-"""Tests of the vibrations of the built robot where it stands."""
+"""Tests of the vibrations of the built robot at a fixed position."""
 
 import math
 

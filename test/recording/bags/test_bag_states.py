@@ -1,4 +1,4 @@
-"""Tests of states that a bag tells when they change: they hold from that bus cycle on."""
+"""Tests of states in a bag that are published on change: each is valid from its bus cycle on."""
 
 import json
 

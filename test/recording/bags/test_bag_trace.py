@@ -1,4 +1,4 @@
-"""Tests of bags: they are read by the stamps of their messages; what cannot be read gets one sentence."""
+"""Tests of bags: reading by the stamps of messages, and one message for unreadable content."""
 
 import numpy as np
 import pytest

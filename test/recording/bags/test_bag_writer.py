@@ -1,4 +1,4 @@
-"""Tests of writing a bag: it can be read at every moment, and a full disk ends the writing, not the writer."""
+"""Tests of the bag writer: readable at every moment, and robust against a full disk."""
 
 import ctypes
 import errno

@@ -1,4 +1,4 @@
-"""Tests of what a recorder counts as missing."""
+"""Tests of the recorder's count of missing messages."""
 
 import struct
 

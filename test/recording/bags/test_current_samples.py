@@ -1,4 +1,4 @@
-"""Tests of the samples of the current loops in a bag: figures of every cycle of which all samples are there."""
+"""Tests of the current samples in a bag: figures of every cycle with complete samples."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of tables of columns: each format holds the same numbers with their units, and is read again."""
+"""Tests of tables of columns: each format keeps numbers and units."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of tables that others write as text: right numbers or one clear sentence, never a silent wrong number."""
+"""Tests of text tables of other programs: correct numbers or one clear message."""
 
 import itertools
 

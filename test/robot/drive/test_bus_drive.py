@@ -1,4 +1,4 @@
-"""Tests of a drive on the bus: it joins, answers greetings, notices the loss of its master, and leaves."""
+"""Tests of a drive on the bus: joining, replies to greetings, loss of the master, and leaving."""
 
 from typing import Any
 

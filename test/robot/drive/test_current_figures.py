@@ -1,4 +1,4 @@
-"""Tests of figures of the motor current: of all samples of a bus cycle, and of the cycles that a master marks."""
+"""Tests of figures of the motor current: over the samples of a bus cycle, and over cycles marked by the master."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of a drive in bus time: what it waits for, what it extrapolates, how it parts, whatever comes when."""
+"""Tests of a drive in bus time: waiting, extrapolation and disconnection, in any order of events."""
 
 from typing import Any
 

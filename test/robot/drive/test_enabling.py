@@ -1,4 +1,4 @@
-"""Tests of enabling: a drive begins anew each time; nothing is left in its loops of what it did before."""
+"""Tests of enabling: the loops of a drive start without state of the previous operation."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the MC-4 drives (thesis 7.1, 8.1) by themselves and on the plant: timing and enabling."""
+"""Tests of the MC-4 drives (thesis 7.1, 8.1), alone and on the plant: timing and enabling."""
 
 import math
 

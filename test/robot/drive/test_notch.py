@@ -1,4 +1,4 @@
-"""Tests of the notch filters in the current reference: what they let pass, when, and how they change."""
+"""Tests of the notch filters in the current reference: frequency response and changes of parameters."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of a drive's operation data as the service channel reaches them: values, commands, diagnostics by IDN."""
+"""Tests of a drive's operation data through the service channel: values, commands, diagnostics by IDN."""
 
 import math
 

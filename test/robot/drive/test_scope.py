@@ -1,4 +1,4 @@
-"""Tests of the oscilloscope of a drive: what it shows is what the drive does, and the drive does not notice it."""
+"""Tests of the oscilloscope of a drive: correct signals, without effect on the drive."""
 
 import math
 

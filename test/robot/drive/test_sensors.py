@@ -1,4 +1,4 @@
-"""Tests of sensors and filters of a drive: errors add up, turn with the right angle; low-passes take their time."""
+"""Tests of sensors and filters of a drive: accumulated errors, phase and delay of low-passes."""
 
 import math
 

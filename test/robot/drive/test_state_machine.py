@@ -1,4 +1,4 @@
-"""Tests of faults, stops and diagnostics of the MC-4 drives, and about states and faults together."""
+"""Tests of faults, stops and diagnostics of the MC-4 drives, and of combined states and faults."""
 
 import math
 

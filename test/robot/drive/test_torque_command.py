@@ -1,4 +1,4 @@
-"""Tests of the additive torque command (S-0-0081): it is interpolated, becomes a current, and no stop feels it."""
+"""Tests of the additive torque command (S-0-0081): interpolation, current, and independence of stops."""
 
 import math
 

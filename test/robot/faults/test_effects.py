@@ -1,4 +1,4 @@
-"""Tests of what faults do to drive, plant and robot."""
+"""Tests of the effects of faults on drive, plant and robot."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Tests of faults: which there are, how they are written down, whom they concern."""
+"""Tests of faults: kinds, notation and targets."""
 
 import json
 import math

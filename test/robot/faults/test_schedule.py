@@ -1,4 +1,4 @@
-"""Tests of the schedule of faults: when they begin and end."""
+"""Tests of the schedule of faults: start and end."""
 
 from delta3_pacdrive.robot.faults import fault as fault_table
 from delta3_pacdrive.robot.faults.fault import parse

@@ -1,4 +1,4 @@
-"""Tests of the built robot: what the thesis leaves out; and the nominal one stays as it is."""
+"""Tests of the built robot: effects beyond the thesis, and the unchanged nominal robot."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of the plant on the bus: it joins, hears the drives, misses those that fall silent, rests, and leaves."""
+"""Tests of the plant on the bus: joining, commands of drives, silent drives, rest, and leaving."""
 
 from collections.abc import Sequence
 

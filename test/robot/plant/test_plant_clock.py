@@ -1,4 +1,4 @@
-"""Tests of the plant in bus time: what it waits for, who loses power, how the machine comes to rest."""
+"""Tests of the plant in bus time: waiting, loss of power, and the way to rest."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Tests of a plate on six rods: where forearms are no parallelograms it tilts, and the TCP goes along."""
+"""Tests of a plate on six rods: tilt with forearms that deviate from parallelograms, and the TCP."""
 
 import math
 

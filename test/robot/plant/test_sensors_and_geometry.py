@@ -1,4 +1,4 @@
-"""Tests of what sensors of the built robot show, and about arms that are not as drawn."""
+"""Tests of the sensors of the built robot, and of arms with deviating geometry."""
 
 import math
 

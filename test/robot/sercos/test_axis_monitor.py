@@ -1,4 +1,4 @@
-"""Tests of the master's view of the drives, about silence, and about the stop that a fault leads to."""
+"""Tests of the master's monitor of the drives: states, silence, and stops after faults."""
 
 import numpy as np
 import pytest

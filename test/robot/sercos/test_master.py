@@ -1,4 +1,4 @@
-"""Tests of the master of the bus: every phase, what it waits for, and what holds whatever happens."""
+"""Tests of the bus master: every phase, its conditions, and invariants for any events."""
 
 import itertools
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of the table of participants: who is there, who is a recording, who has come or gone."""
+"""Tests of the table of participants: present, recorded, new and lost ones."""
 
 import pytest
 

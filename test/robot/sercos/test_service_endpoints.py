@@ -1,4 +1,4 @@
-"""Tests of the master's end of the service channel: limits in time and number, and answers that are none."""
+"""Tests of the master's end of the service channel: limits of time and number, and invalid replies."""
 
 import pytest
 from hypothesis import given, settings

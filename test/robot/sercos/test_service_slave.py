@@ -1,4 +1,4 @@
-"""Tests of the drive's end of the service channel: garbage is no access."""
+"""Tests of the drive's end of the service channel: invalid words give no access."""
 
 import pytest
 from hypothesis import given, settings

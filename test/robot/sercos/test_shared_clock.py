@@ -1,4 +1,4 @@
-"""A bus clock that several robots share: nobody begins alone, all slip together, whoever is gone is not waited for."""
+"""Tests of a bus clock shared by several robots: common start, common delays, and removal of lost robots."""
 
 import os
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Tests of a slave of the bus: every row of its table, and what holds whatever is announced in whatever order."""
+"""Tests of a slave of the bus: every row of its table, and invariants for any sequence of announcements."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Tests of what a master counts of its bus: each figure is that of its name, in its unit."""
+"""Tests of the bus statistics of a master: values and units."""
 
 import pytest
 

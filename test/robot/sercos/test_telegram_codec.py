@@ -1,4 +1,4 @@
-"""Tests of telegrams as bytes: many at once read as each by itself."""
+"""Tests of the binary form of telegrams: arrays decode like single telegrams."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Words in the frames of telegrams, and the session that they belong to."""
+"""Tests of words in the frames of telegrams, and of their session."""
 
 from collections.abc import Callable
 

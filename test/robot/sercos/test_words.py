@@ -1,4 +1,4 @@
-"""Tests of the words of bits: what a status word tells of its drive."""
+"""Tests of control and status words: the meaning of their bits."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of what a view knows of the cell around a robot, also if it joins late; no stranger counts."""
+"""Tests of the reader of the cell: late subscription, and foreign messages."""
 
 import json
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of the page of a robot without either: what is asked of the robot, whatever goes wrong on the way."""
+"""Tests of the live page without robot and browser: requests to the robot, and failures."""
 
 from collections import deque
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The oscilloscope of the page on the running graph: the samples of the simulation, or a sentence why not."""
+"""Tests of the page's oscilloscope on the running graph: samples of the simulation, or an error message."""
 
 import json
 from types import SimpleNamespace

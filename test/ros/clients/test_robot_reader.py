@@ -1,4 +1,4 @@
-"""Tests of what a view knows of a robot, also if it joins late; strangers neither end it nor count."""
+"""Tests of the reader of a robot: late subscription, and foreign messages."""
 
 from typing import Any
 

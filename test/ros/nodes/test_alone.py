@@ -1,4 +1,4 @@
-"""Tests of a drive and a plant each by itself: the rest of the robot is played by the test, telegram by telegram."""
+"""Tests of a single drive and a single plant: the test plays the rest of the robot, telegram by telegram."""
 
 from typing import Any
 

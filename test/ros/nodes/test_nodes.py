@@ -1,4 +1,4 @@
-"""Nodes in one process over real DDS: start in any order, parameters, phases, bad telegrams."""
+"""Tests of nodes in one process over real DDS: order of start, parameters, phases, bad telegrams."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Tests of the recorder by itself, without a robot: what it lacks, and what it does when the disk is full."""
+"""Tests of the recorder without a robot: missing topics and a full disk."""
 
 import ctypes
 import json

@@ -1,4 +1,4 @@
-"""Tests of what is shown in RViz and Foxglove: the robot where it is, only while somebody looks; and /clock."""
+"""Tests of the output for RViz and Foxglove: poses, publication on subscription only, and /clock."""
 
 import json
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tests of the nodes by themselves: greetings, diagnostics, faults, and the parts that they are made of."""
+"""Tests of single nodes: greetings, diagnostics, faults and components."""
 
 import json
 import sys

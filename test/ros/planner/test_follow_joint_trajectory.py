@@ -1,4 +1,4 @@
-"""Tests of the action ``follow_joint_trajectory``: what a goal may hold, and a client that drives the arms with it.
+"""Tests of the action ``follow_joint_trajectory``: valid goals, and a client that moves the arms.
 
 The client and the action have the real type of ``control_msgs``. Where that is not installed it is built, from its
 fields, with the generators of the ROS wheels.

@@ -1,4 +1,4 @@
-"""Tests of planning beside the thread that answers: jobs in their order, progress, and jobs that are given up."""
+"""Tests of the planning thread: order of jobs, progress and cancelled jobs."""
 
 import time
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Tests of the master's end of ``sercos/at/belts``: what is no telegram of its session is refused by name."""
+"""Tests of the master's end of ``sercos/at/belts``: rejection of invalid and foreign telegrams."""
 
 import math
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Tests of what the task tells of a cycle where the arms cannot be: joint states that every tool can read."""
+"""Tests of the task's output for unreachable arm positions: joint states that every tool can read."""
 
 from types import SimpleNamespace
 from typing import Any

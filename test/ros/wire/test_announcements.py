@@ -1,4 +1,4 @@
-"""Tests of what participants announce of themselves: what is read, and what is refused."""
+"""Tests of the announcements of participants: accepted and rejected messages."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Cyclic messages of fixed layout are ordinary messages, and nothing else passes for one."""
+"""Tests of cyclic messages of fixed layout: equality with ordinary messages, and rejection of others."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The environment of a robot's processes: this machine only, and a folder for logs wherever they run."""
+"""Tests of the environment of a robot's processes: local discovery, and a folder for logs."""
 
 import os
 import re

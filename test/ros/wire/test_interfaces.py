@@ -1,4 +1,4 @@
-"""The table of interfaces is what a robot offers: every topic and service, with type, QoS, writers and readers."""
+"""The table of interfaces agrees with the robot: topics and services with type, QoS, writers and readers."""
 
 import importlib
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Tests of the reader of joint states: robots with a rotary axis and without one, and joints of others."""
+"""Tests of the reader of joint states: robots with and without a rotary axis, and joints of other robots."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
+"""Tests of ``joint_trajectory``: valid messages, and a real publisher that moves the arms."""
 
 import json
 import math

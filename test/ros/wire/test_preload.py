@@ -1,4 +1,4 @@
-"""Tests of what is loaded before nodes are forked: afterwards neither a node nor a line that it logs loads more."""
+"""Tests of modules loaded before the nodes are forked: nodes and their log messages load no others."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of what measurements of the TCP tell about the arms, and about those that tell nothing."""
+"""Tests of the estimation of arms from measurements of the TCP, also with insufficient measurements."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""Tests of tables of measurements: what is read, and what is refused, with which words."""
+"""Tests of tables of measurements: accepted content, and messages of rejections."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of a whole calibration of the built robot, measured in simulation, and about what it leaves."""
+"""Tests of a complete calibration of the built robot in simulation, and of its files."""
 
 import csv
 import dataclasses

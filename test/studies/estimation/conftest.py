@@ -1,4 +1,4 @@
-"""What the facts about estimation share: one exciting program and its signals, simulated once."""
+"""Shared fixtures of the tests of estimation: one exciting program and its signals, simulated once."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of estimates from built robots: what the thesis' model makes of them, and what one makes that has it all."""
+"""Tests of estimates from built robots: with the thesis' model and with the complete model."""
 
 import contextlib
 import json

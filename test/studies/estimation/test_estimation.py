@@ -1,4 +1,4 @@
-"""Tests of parameter estimation (chapter 9): how sure the figures are, from an oscilloscope and from bus cycles."""
+"""Tests of parameter estimation (chapter 9): accuracy from an oscilloscope and from bus cycles."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Tests of logs of other programs: the instant of their samples, gaps, clocks, and what they do not show."""
+"""Tests of logs of other programs: the instant of their samples, gaps, clocks and missing signals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of what signals tell of a parameter and what they cannot tell."""
+"""Tests of the information that signals contain about a parameter."""
 
 import numpy as np
 import pytest

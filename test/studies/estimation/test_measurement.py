@@ -1,4 +1,4 @@
-"""Tests of the signals that parameters are estimated from, and about programs that excite them."""
+"""Tests of the signals from which parameters are estimated, and of programs that excite them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the verdict that comes before any estimate: whether a model explains its data."""
+"""Tests of the check before an estimate: agreement of model and data."""
 
 import numpy as np
 import pytest

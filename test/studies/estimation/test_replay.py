@@ -1,4 +1,4 @@
-"""Tests of the replay of a recording: it takes the commands of the master, torques as well."""
+"""Tests of the replay of a recording with the commands of the master, including torques."""
 
 import numpy as np
 import pytest

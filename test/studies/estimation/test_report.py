@@ -1,4 +1,4 @@
-"""Tests of what an estimation leaves to read: text, tables, figures and the parameter file."""
+"""Tests of the report of an estimation: text, tables, figures and the parameter file."""
 
 import dataclasses
 from types import SimpleNamespace

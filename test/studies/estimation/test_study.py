@@ -1,4 +1,4 @@
-"""Tests of estimations as they are asked for: interrupted, resumed, repeated, with every option."""
+"""Tests of estimation runs: interrupted, resumed, repeated, with every option."""
 
 import json
 import shlex

@@ -1,4 +1,4 @@
-"""Tests of what a study leaves behind: every file tells where it comes from, a page shows all of them."""
+"""Tests of the folder of a study: provenance in every file, and a page of all files."""
 
 import base64
 import json

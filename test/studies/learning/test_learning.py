@@ -1,4 +1,4 @@
-"""Tests of what is learned of a program: smaller errors in few repetitions, with wrong masses and noise as well."""
+"""Tests of learning a program: smaller errors in few repetitions, also with wrong masses and noise."""
 
 import itertools
 import json

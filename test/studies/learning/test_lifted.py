@@ -1,4 +1,4 @@
-"""Tests of the update of norm-optimal learning: it makes its norm least, and its criterion bounds what is left."""
+"""Tests of the update of norm-optimal learning: minimum of the norm, and bound of the residual."""
 
 import itertools
 

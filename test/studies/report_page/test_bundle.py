@@ -1,4 +1,4 @@
-"""The scripts in the package are made from the sources beside it, with the libraries that they name."""
+"""The scripts in the package are generated from the sources in the repository, with the named libraries."""
 
 import hashlib
 import json

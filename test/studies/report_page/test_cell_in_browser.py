@@ -1,4 +1,4 @@
-"""Tests of the cell of a report in a real browser: parts and belts are drawn where the run says, at any time."""
+"""Tests of the cell of a report in a real browser: positions of parts and belts over time."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of the report page in a real browser: what it draws, and that everything follows one time."""
+"""Tests of the report page in a real browser: drawings and their common time."""
 
 import re
 from pathlib import Path

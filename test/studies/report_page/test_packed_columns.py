@@ -1,4 +1,4 @@
-"""Tests of numbers in a page: they come back within half a step, whatever they are."""
+"""Tests of packed numbers in a page: errors of at most half a step."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the report page: its numbers are those of the runs, it is small, and it asks nobody for anything."""
+"""Tests of the report page: numbers of the runs, small size, and no network access."""
 
 import re
 from dataclasses import replace

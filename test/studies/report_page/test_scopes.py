@@ -1,4 +1,4 @@
-"""Tests of records of oscilloscopes in a page: every sample is there, at the time of the run at which it was."""
+"""Tests of oscilloscope records in a page: all samples at their times of the run."""
 
 from pathlib import Path
 

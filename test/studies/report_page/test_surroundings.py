@@ -1,4 +1,4 @@
-"""Tests of what a page draws around the robot, and its table of parts: as the run tells it, and not more."""
+"""Tests of the cell on a report page, and of its table of parts, against the run."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of the rotary axis in a report in a real browser: tool and bar are turned as the run says."""
+"""Tests of the rotary axis in a report in a real browser: angles of tool and bar."""
 
 import math
 

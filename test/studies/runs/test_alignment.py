@@ -1,4 +1,4 @@
-"""Tests of runs that are brought to one time: the shift that is found, how sure it is, and when it may be wrong."""
+"""Tests of the alignment of runs in time: shift, its uncertainty and warnings."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of the story of a cell: parts are where the simulation has them, in traces and in bags."""
+"""Tests of the history of a cell: positions of parts in traces and bags as in the simulation."""
 
 import math
 from dataclasses import replace

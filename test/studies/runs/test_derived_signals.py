@@ -1,4 +1,4 @@
-"""Tests of derived signals: the master is that of the plan, speed and acceleration are those of the TCP."""
+"""Tests of derived signals: the master of the plan, and speed and acceleration of the TCP."""
 
 import json
 

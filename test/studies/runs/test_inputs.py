@@ -1,4 +1,4 @@
-"""Tests of what the inputs of a study mean."""
+"""Tests of the meaning of the inputs of a study."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tests of measurements that know no bus cycle: their grid, their gaps, and what is computed from them."""
+"""Tests of measurements without bus cycles: grid, gaps and derived values."""
 
 import numpy as np
 import pytest

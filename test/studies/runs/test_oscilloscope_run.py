@@ -1,4 +1,4 @@
-"""Tests of a run with an oscilloscope in every drive: it is the run of the simulation."""
+"""Tests of a run with an oscilloscope in every drive against the simulation."""
 
 import numpy as np
 import pytest

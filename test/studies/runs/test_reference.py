@@ -1,4 +1,4 @@
-"""Tests of sampled trajectories that are played: how close, how smooth, and what is refused with time and place."""
+"""Tests of sampled reference trajectories: accuracy, smoothness, and rejections with time and place."""
 
 import itertools
 import re

@@ -1,4 +1,4 @@
-"""Tests of figures in reports: each against an independent computation of what its name says."""
+"""Tests of figures in reports against independent computations."""
 
 import math
 

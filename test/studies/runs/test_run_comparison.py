@@ -1,4 +1,4 @@
-"""Tests of two runs side by side: how they are brought to one time, and how far they are apart."""
+"""Tests of the comparison of two runs: alignment in time and differences."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of the energy of a run: it is nearly that of its plan."""
+"""Tests of the energy of a run against that of its plan."""
 
 import numpy as np
 import pytest

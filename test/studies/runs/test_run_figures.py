@@ -1,4 +1,4 @@
-"""Figures and traces of a run (thesis 11.1.1)."""
+"""Tests of figures and traces of a run (thesis 11.1.1)."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""Tests of runs by their names: what a recording or a program tells, and what it does not."""
+"""Tests of runs by name: available and missing data of recordings and programs."""
 
 import json
 import math

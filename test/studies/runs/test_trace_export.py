@@ -1,4 +1,4 @@
-"""Tests of recordings for other tools: patterns, windows, decimation, and what is computed on request."""
+"""Tests of recordings for other tools: patterns, windows, decimation and optional derived signals."""
 
 import numpy as np
 import pytest

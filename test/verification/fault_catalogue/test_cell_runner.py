@@ -1,4 +1,4 @@
-"""Tests of what goes wrong in cells: each case of the catalogue leads to what it has to, and is judged strictly."""
+"""Tests of failures in cells: each case of the catalogue has its specified effect, and a strict verdict."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of the continuous approximation of the velocity loop, and what the drive has beyond it."""
+"""Tests of the continuous approximation of the velocity loop, and of its difference from the drive."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of what a measured response is worth, what excites it, and what the loads are called."""
+"""Tests of the quality of a measured response, its excitation, and the names of loads."""
 
 import math
 

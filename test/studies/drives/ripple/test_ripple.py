@@ -1,4 +1,4 @@
-"""Tests of the ripple of the currents: what the AT tell, what there is, and what happens inside a bus cycle."""
+"""Tests of the ripple of the currents: values in the AT, true values, and the course within a bus cycle."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Tests of gains that are applied to drives: all of them or none, and back again; no robot is needed to show it."""
+"""Tests of gains applied to drives without a robot: all or none, and restoration."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Tests of loops around an elastic gear, linear and on the bench, and about what disturbs a drive."""
+"""Tests of loops around an elastic gear, linear and on the bench, and of disturbances of a drive."""
 
 import math
 

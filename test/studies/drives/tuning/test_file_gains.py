@@ -1,4 +1,4 @@
-"""Tests of gains that are written into a parameter file: its other lines stay, and it comes back as it was."""
+"""Tests of gains written into a parameter file: other lines are kept, and the file can be restored."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""Tests of the linear model of the loops with either fine interpolation: it is that of the drive."""
+"""Tests of the linear model of the loops with both fine interpolations against the drive."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A load step in loops that exchange with their plant once in a while."""
+"""Tests of a load step in loops that exchange values with their plant at intervals."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Tests of gains that are proposed: they keep the margins, on the bench too, and no others are stiffer by much."""
+"""Tests of proposed gains: margins, also on the bench, and nearly the largest possible stiffness."""
 
 import dataclasses
 import itertools

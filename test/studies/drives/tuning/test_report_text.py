@@ -1,4 +1,4 @@
-"""Tests of what a tuning tells of other gains: in words, and in pictures without lines on top of each other."""
+"""Tests of the tuning report for other gains: text, and pictures without overlapping lines."""
 
 import copy
 from dataclasses import replace

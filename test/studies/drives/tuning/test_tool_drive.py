@@ -1,4 +1,4 @@
-"""Tests of the tuning of the drive of a rotary axis: its load, its loops, its gains, and what they do to a turn."""
+"""Tests of the tuning of the drive of a rotary axis: load, loops, gains and their effect on a turn."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of tuning (7.1, 8.1): two views of the loops agree, margins mean what they say, recordings agree too."""
+"""Tests of tuning (7.1, 8.1): agreement of two views of the loops and of recordings, and margins."""
 
 import json
 import math

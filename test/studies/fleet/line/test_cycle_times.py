@@ -1,4 +1,4 @@
-"""Tests of cycles of robots at belts: tables tell what plans take, and who can be picked from when on."""
+"""Tests of cycle times of robots at belts: agreement of tables with plans, and earliest picks."""
 
 from dataclasses import replace
 

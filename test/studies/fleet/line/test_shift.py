@@ -1,4 +1,4 @@
-"""Tests of shifts: nobody is in two places, parts are picked in reach, and what is missed has its reason."""
+"""Tests of shifts: consistent positions, picks within reach, and reasons of missed parts."""
 
 import re
 from dataclasses import replace

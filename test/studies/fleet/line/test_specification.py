@@ -1,4 +1,4 @@
-"""Tests of files of lines: what they say is what is simulated, and what they cannot mean is told with its place."""
+"""Tests of line files: the simulated line, and errors with their places."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tests of the study of a line: what is told adds up, and is in its tables."""
+"""Tests of the study of a line: consistent totals in text and tables."""
 
 import csv
 from pathlib import Path

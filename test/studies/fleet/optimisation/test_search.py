@@ -1,4 +1,4 @@
-"""Tests of the search of an optimisation: what it chooses, that it is the same again, and what it takes for best."""
+"""Tests of the search of an optimisation: choice of candidates, reproducibility and best result."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Tests of files of optimisations: what they say is meant, and what is wrong with them is told with its place."""
+"""Tests of optimisation files: their meaning, and errors with their places."""
 
 import pytest
 

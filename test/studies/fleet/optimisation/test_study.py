@@ -1,4 +1,4 @@
-"""Tests of optimisations in a folder: the best is driven again, nothing is made twice, and reports tell all."""
+"""Tests of optimisations in a folder: a second run of the best, no repeated work, complete reports."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Tests of what a sweep finds: distributions, main effects, Sobol indices and yields of functions that are known."""
+"""Tests of the results of a sweep: distributions, main effects, Sobol indices and yields of known functions."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Tests of sweeps on several processes: the same table on any number of them, resumed, and if one is killed."""
+"""Tests of sweeps on several processes: the same table for any number, resumed, and with a killed process."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Tests of the values of a sweep: their laws, and that they are the same whoever draws them."""
+"""Tests of the values of a sweep: distributions and reproducibility."""
 
 import numpy as np
 import pytest

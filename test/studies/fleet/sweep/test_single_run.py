@@ -1,4 +1,4 @@
-"""Tests of single runs of a sweep: values arrive where they should, and what cannot be run is a row."""
+"""Tests of single runs of a sweep: assignment of values, and rows of failed runs."""
 
 import dataclasses
 import json

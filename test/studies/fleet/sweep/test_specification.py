@@ -1,4 +1,4 @@
-"""Tests of files of sweeps: what they mean, and that every complaint says where it is."""
+"""Tests of sweep files: their meaning, and errors with their places."""
 
 import pytest
 

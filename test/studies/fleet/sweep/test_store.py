@@ -1,4 +1,4 @@
-"""The table of a sweep."""
+"""Tests of the table of a sweep."""
 
 from delta3_pacdrive.studies.fleet.sweep.specification import load
 from delta3_pacdrive.studies.fleet.sweep.store import Store

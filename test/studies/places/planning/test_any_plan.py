@@ -1,4 +1,4 @@
-"""Tests of the evaluation of whatever can be planned: no limit is exceeded, and everything is a finite number."""
+"""Tests of the evaluation of arbitrary plans: limits and finite numbers."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""Tests of the evaluation of a plan: it is what the simulation drives, and what limits a move is at its limit."""
+"""Tests of the evaluation of a plan: agreement with the simulation, and the active limits of moves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of a pose: every solution closes its loops, distances to limits are true, a refusal names its limit."""
+"""Tests of a pose: closed loops of every solution, distances to limits, and rejections that name a limit."""
 
 import math
 

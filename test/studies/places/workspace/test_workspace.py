@@ -1,4 +1,4 @@
-"""Tests of the maps of the workspace: each value is that of its place, and the figures show every slice."""
+"""Tests of the maps of the workspace: the value of each place, and figures of every slice."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Tests of the claims of 11.1: each gets a verdict by a figure of the run, and none that the run does not tell."""
+"""Tests of the claims of 11.1: a verdict for each claim with data in the run."""
 
 from dataclasses import replace
 

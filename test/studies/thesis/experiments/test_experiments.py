@@ -1,4 +1,4 @@
-"""Tests of experiments 1 to 3 (chapters 10, 11.1): what sets a robot apart from its model, and what explains it."""
+"""Tests of experiments 1 to 3 (chapters 10, 11.1): differences of robot and model, and their causes."""
 
 import csv
 import dataclasses

@@ -1,4 +1,4 @@
-"""Tests of any two runs that are compared as model and robot: programs, traces, and tables of somebody else."""
+"""Tests of the comparison of any two runs as model and robot: programs, traces, and foreign tables."""
 
 import json
 

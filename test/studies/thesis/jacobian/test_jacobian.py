@@ -1,4 +1,4 @@
-"""Tests of the Jacobian experiments (11.2): what lengths in error and singularities make of joint velocities."""
+"""Tests of the Jacobian experiments (11.2): effect of wrong lengths and singularities on joint velocities."""
 
 import csv
 import dataclasses

@@ -1,4 +1,4 @@
-"""Tests of the two-link arm (thesis chapter 3), from an own picture of it: links as complex numbers."""
+"""Tests of the two-link arm (thesis chapter 3) against an independent model: links as complex numbers."""
 
 import json
 import struct
