@@ -82,7 +82,7 @@ def pytest_report_header():
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what is marked ``long``, unless it is asked for, and begin with the files that take long."""
+    """Deselect tests marked ``long`` unless they are requested, and start with the slowest files."""
     if not EVERYTHING:
         left_out = [item for item in items if item.get_closest_marker('long')]
         items[:] = [item for item in items if not item.get_closest_marker('long')]
@@ -131,7 +131,7 @@ def browser():
 
 @pytest.fixture
 def shell(tmp_path):
-    """Return what runs a command line in a folder of its own, as a user of the environment under test does."""
+    """Return a function that runs a command line in an own folder, as a user of the tested environment does."""
     environment = os.environ | {'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}'}
 
     def run(line, *, cwd=tmp_path, timeout=900.0, **variables):

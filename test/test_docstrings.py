@@ -23,7 +23,7 @@ TELLS = re.compile(r'\[[^\]]+\]|\bshape|``\w|[Nn]umber|[Ww]hether|parameters of 
 
 
 def table(docstring):
-    """Return what the shared table of a module says of each argument."""
+    """Return the description of each argument in the shared table of a module."""
     found, names = {}, []
     for line in (docstring or '').splitlines():
         if match := NAMES.match(line):
@@ -37,7 +37,7 @@ def table(docstring):
 
 
 def parameters_section(docstring):
-    """Return what the section ``Parameters`` of a docstring says of each argument."""
+    """Return the description of each argument in the section ``Parameters`` of a docstring."""
     found, names = {}, []
     section = re.search(r'^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)', docstring, re.S | re.M)
     for line in section[1].splitlines() if section else ():

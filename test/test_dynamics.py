@@ -243,7 +243,7 @@ def test_a_triple_that_closes_no_chain_has_no_torque(robot):
 
 
 def test_motor_current_friction_linear_inertia_and_coupling_balance(robot):
-    """Eq. 4.29 on the motor side: K_m I - friction = (A_bar / k_r^2) w' + d, whatever A_bar is."""
+    """Eq. 4.29 on the motor side: K_m I - friction = (A_bar / k_r^2) w' + d, for any A_bar."""
     theta, thetadot, thetaddot = states(100)
     gear, motor_torque = robot.dynamics.gear_ratio, dynamics.inverse(theta, thetadot, thetaddot, robot) / 32.0
     for inertia in (0.5, robot.drive.observer_arm_inertia_kg_m2):
@@ -289,7 +289,7 @@ def mujoco_engine(robot, *, rods=False):
 
 
 def mujoco_loops(engine, of_site):
-    """What a function of MuJoCo makes of the sites: rows (18, 21) of rod ends less joints on the plate."""
+    """Return values of a function of MuJoCo at the sites: rows (18, 21) of rod ends less joints on the plate."""
     _, model, _ = engine
     rows = np.zeros((2, 6, 3, model.nv))
     for n, rod in enumerate(RODS):

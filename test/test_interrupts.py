@@ -342,7 +342,7 @@ def test_full_disk_under_standard_output_is_reported(arguments):
 
 
 def test_streams_that_are_closed_lead_nowhere_and_no_file_takes_their_place(tmp_path):
-    """What is printed would be written into the file that has got the number of the closed stream."""
+    """Otherwise, the output would go to the file that has got the number of the closed stream."""
     trace = tmp_path / 'run.npz'
     done = ended(
         [
@@ -428,7 +428,7 @@ with interrupts.answered_by(over.set):
 
 
 def events_set_by_signals(source):
-    """Return the names of the events that a handler sets: it waits for ever if it interrupts who holds their lock."""
+    """Return the names of the events that a handler sets: it blocks if it interrupts the holder of their lock."""
     calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
     names = {ast.unparse(call.args[0]) for call in calls if ast.unparse(call.func).endswith('answered_by')}
     assigned = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Assign)]

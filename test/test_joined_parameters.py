@@ -10,7 +10,7 @@ from delta3_pacdrive.errors import ParameterError
 
 @pytest.fixture
 def difference(tmp_path):
-    """Return what writes a file that holds only differences."""
+    """Return a function that writes a file with differences only."""
 
     def written(name, text):
         path = tmp_path / name

@@ -347,7 +347,7 @@ def test_positive_angles_point_down_and_the_arm_nearest_to_the_plate_is_raised(r
 
 @pytest.mark.parametrize('branch', [0, 1])
 def test_a_plate_that_circles_about_the_hip_takes_the_arm_along_rigidly(branch, robot):
-    """Above, below and behind the hip: one continuous branch, whatever the sign of z."""
+    """Above, below and on either side of the hip: one continuous branch, for both signs of z."""
     distance = np.array([0.56, 0.7, 0.95, 1.2, 1.34])[:, None]  # between l_B - l_A and l_B + l_A
     azimuth = np.linspace(-np.pi, np.pi, 721)
     point = [R + distance * np.cos(azimuth), 0.0 * distance * azimuth, -distance * np.sin(azimuth)]

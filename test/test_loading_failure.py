@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import NO_ROS, loading_failure
 
 
 def failure(code, tmp_path, monkeypatch):
-    """Return the error of an import of a library whose code this is."""
+    """Return the error of an import of a library with this code."""
     (tmp_path / 'foreign_library.py').write_text(code, encoding='utf-8')
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, 'foreign_library', raising=False)

@@ -201,7 +201,7 @@ def test_every_import_is_of_a_declared_dependency(path, requirements):
 
 
 def imports_of(path):
-    """Return all that a file imports, wherever the import stands: modules, and names that may be modules."""
+    """Return all imports of a file, at any place in it: modules, and names that may be modules."""
     found = set()
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
@@ -216,7 +216,7 @@ def imports_of(path):
 
 @functools.cache
 def import_graph(root):
-    """Return what each module below a folder imports, by the names of the modules."""
+    """Return the imports of each module below a folder, by the names of the modules."""
     graph = {}
     for path in sorted((root / PACKAGE).rglob('*.py')):
         name = '.'.join(path.relative_to(root).with_suffix('').parts).removesuffix('.__init__')
@@ -265,7 +265,7 @@ def test_core_modules_are_free_of_ros():
 
 
 def test_ros_modules_are_not_loaded_with_the_core(distribution, tmp_path):
-    """The graph is right about what is loaded: one interpreter imports all of the core."""
+    """The graph agrees with the loaded modules: one interpreter imports all of the core."""
     names = [name for name in import_graph(SOURCE) if is_core(name)]
     assert len(names) > 80
     assert not [name for name in modules_after_import(', '.join(names), tmp_path) if is_ros(name)]

@@ -142,7 +142,7 @@ def load_tree(tmp_path):
 
 
 def refusal(function, *arguments):
-    """Return the sentence with which a call is refused."""
+    """Return the message of a rejected call."""
     with pytest.raises(ParameterError) as caught:
         function(*arguments)
     sentence = str(caught.value)

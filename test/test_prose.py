@@ -7,8 +7,12 @@ import prose
 
 @pytest.mark.parametrize(
     'texts',
-    [lambda: prose.docstrings(prose.SOURCE / 'delta3_pacdrive'), lambda: prose.pages(prose.SOURCE)],
-    ids=['docstrings', 'pages'],
+    [
+        lambda: prose.docstrings(prose.SOURCE / 'delta3_pacdrive'),
+        lambda: prose.docstrings(prose.SOURCE / 'test'),
+        lambda: prose.pages(prose.SOURCE),
+    ],
+    ids=['docstrings', 'tests', 'pages'],
 )
 def test_each_habit_is_rare(texts):
     found = prose.rates([*texts()])

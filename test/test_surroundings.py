@@ -102,7 +102,7 @@ def calls(everything=EVERYTHING):
 
 
 def fault_of(done, arguments, expected=None, quiet=False):
-    """Return what is wrong with how a command ended; '' if nothing is."""
+    """Return the defect in the end of a command, or ''."""
     status, output, errors = done.returncode, done.stdout, done.stderr
     lines = [line for line in errors.splitlines() if line.strip()]
     if 'Traceback' in output + errors or 'Exception ignored' in errors or status < 0:
@@ -118,7 +118,7 @@ def fault_of(done, arguments, expected=None, quiet=False):
 
 
 def sweep(run, arguments_of_all, files, tmp_path, **expected):
-    """Run command lines, each in a folder of its own; return what is wrong, by command line."""
+    """Run command lines, each in a separate folder; return the defects by command line."""
     lines = []
     for number, arguments in enumerate(arguments_of_all):
         folder = tmp_path / str(number)
@@ -149,7 +149,7 @@ def ended(command, folder, environment, shell='', **options):
 
 
 def afresh(arguments, folder, environment, shell=''):
-    """Run a command in an interpreter of its own."""
+    """Run a command in a new interpreter."""
     return ended([sys.executable, '-P', '-m', main.__name__, *arguments], folder, environment, shell)
 
 

@@ -18,7 +18,7 @@ PLAIN = Camera(at_m=0.5, length_m=0.2, every_m=0.2, latency_s=0.03)
 
 
 def told(camera, cycles, seed=1, dead_from=None, line=LINE):
-    """Return all that is told in so many bus cycles, each with its cycle; the belt; and the camera."""
+    """Return all reports of a number of bus cycles, each with its cycle; the belt; and the camera."""
     belt = BeltState(line, CYCLE_S, 0, np.random.default_rng(5))
     state = CameraState(camera, CYCLE_S, np.random.default_rng(seed))
     found = []

@@ -21,7 +21,7 @@ TOUCH = 1e-6  # of a limit, by rounding
 
 
 def seen_from_beside(way, speed, count=400):
-    """Return places, velocities and accelerations of a way on a belt as they are seen from beside it."""
+    """Return positions, velocities and accelerations of a motion on a belt in the fixed frame."""
     times = np.linspace(0.0, way.duration_s, count)
     motions = [way.at(time) for time in times]
     place, velocity, acceleration = (np.array([motion[n] for motion in motions]) for n in range(3))

@@ -33,7 +33,7 @@ def never(cycle):
 
 
 class Bench:
-    """A belt whose way is a function of time, and a controller that follows it."""
+    """A belt whose travel is a function of time, and a controller that follows it."""
 
     def __init__(self, way, jump=None):
         self.robot = parameters.load(parameters.MODEL_CONTROLLER)
@@ -43,7 +43,7 @@ class Bench:
         self.cycle, self.offsets, self._extra = 0, [], 0.0
 
     def run(self, to, asked=lambda cycle: cycle >= FIRST):
-        """Go on to a bus cycle; keep what is added to each command."""
+        """Advance to a bus cycle; record the correction of each command."""
         while self.cycle < to:
             k = self.cycle
             self.offsets.append(self.tracking.offset if self.tracking.step(k, asked(k)) else None)
@@ -58,11 +58,11 @@ class Bench:
         return self
 
     def along(self, first, last):
-        """Return what was added along the belt to the commands of some bus cycles."""
+        """Return the corrections of the commands of some bus cycles along the belt."""
         return np.array([BELT.of_base(one).place[0] for one in self.offsets[first:last]])
 
     def due(self, part_m, first, last):
-        """Return what the part was beyond its reference when these commands were reached."""
+        """Return the distance of the part from its reference when these commands were reached."""
         times = 1e-3 * np.arange(first, last) + self.delay_s
         return part_m + np.array([self._way(time) for time in times]) - 0.7
 
@@ -261,7 +261,7 @@ def test_a_camera_that_takes_no_picture_for_too_long_is_dead():
 
 
 class Controlled(Bench):
-    """A controller whose plan gets on the belt, moves there, and leaves it."""
+    """A controller whose plan synchronizes with the belt, moves on it, and leaves it."""
 
     def __init__(self):
         super().__init__(steady)

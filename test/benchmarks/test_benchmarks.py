@@ -20,7 +20,7 @@ from delta3_pacdrive.recording.motion_progress import MotionProgress
 
 
 def run(capsys, *arguments):
-    """Run ``delta3 bench``; return what it prints as JSON."""
+    """Run ``delta3 bench``; return its JSON output."""
     assert bench.main([*arguments, '--json']) == 0
     return json.loads(capsys.readouterr().out)
 

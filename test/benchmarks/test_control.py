@@ -14,7 +14,7 @@ from delta3_pacdrive.errors import RunError
 
 @pytest.fixture(scope='module')
 def measured():
-    """Return what is measured, but for learning, which takes longest."""
+    """Return the measured controllers except learning, which takes longest."""
     return control.measure([name for name in control.CONTROLLERS if name != control.LEARNED])
 
 

@@ -21,7 +21,7 @@ def operator(*lines):
 
 
 class Link:
-    """Notes what it is told to be like."""
+    """Records the requested properties of the link."""
 
     def __init__(self):
         self.told = []

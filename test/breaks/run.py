@@ -12,7 +12,7 @@ The YAML files next to this script list the breaks. Each row has these keys:
     file         source file, relative to the package
     old, new     source text that occurs exactly once in that file, and its replacement
     also         optional list of further changes, each with file, old and new
-    why          the defect that the robot then has
+    why          the resulting defect of the robot
     tests        files and options for pytest that must detect it
     equivalent   optional: the reason why no test can detect it
 

@@ -14,7 +14,7 @@ ENABLED = MotionProgress(phase='CP4', in_torque=True)
 
 
 class Robot:
-    """A robot that tells one progress after the other; it answers a while after it was asked to disable its drives."""
+    """A robot that reports a sequence of progress; its reply to the disable request has a delay."""
 
     def __init__(self, told, reachable_after=0, answers_after=0):
         self._told = [replace(one) for one in told]

@@ -71,7 +71,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
 
 
 def cores_after(machine: Machine, looks: CpuLoadMonitor, *spent: float, **more: int) -> float:
-    """Let threads spend time between two looks; return what the second one says."""
+    """Let threads use processor time between two samples; return the result of the second one."""
     for number in range(len(spent)):
         machine.thread(number, 5.0, **more)
     assert looks.excess() == 0.0
@@ -137,7 +137,7 @@ FREE = ROOM * CORES  # cores
 
 
 def room_beside(machine: Machine, needed: float, slowness: float = 1.0, **spent: float) -> str:
-    """Ask whether there is room beside processes of these names, which spend time while one looks."""
+    """Return whether enough processor time remains with processes of these names under load."""
 
     def work(seconds: float) -> None:
         machine.now_s += seconds

@@ -274,7 +274,7 @@ print(before, scheduling.real_time_is_permitted())
 
 
 def may_schedule_in_real_time():
-    """Try it, in a process of its own."""
+    """Return whether a new process gets real-time scheduling."""
     code = 'import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(20))'
     return run_python(code).returncode == 0
 
@@ -337,7 +337,7 @@ def test_processes_are_awaited_until_they_are_in_real_time_and_those_that_have_e
 
 
 def is_free(folder):
-    """Whether nobody has his turn at the folder."""
+    """Return whether the lock of the folder is free."""
     opened = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -81,7 +81,7 @@ def options_of(count: int, **more: Any) -> list[Options]:
 
 @pytest.fixture
 def ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, RobotNow]:
-    """Give what was known of four robots in the end, when those that live were asked to end."""
+    """Return the last states of four robots, after the live ones were asked to stop."""
     monkeypatch.setattr(robots, 'Bringup', Rehearsed)
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
     supervisor = Robots(options_of(4, logs=tmp_path / 'logs'), False, None, 0.0)

@@ -27,7 +27,7 @@ DOCUMENT = {
 
 
 class Bench:
-    """A cell whose robot is where the test says, and all that it sends."""
+    """A cell whose robot follows the positions of the test, and all its messages."""
 
     def __init__(self, document=DOCUMENT):
         self.inputs, self.parts, self.belts = {}, [], []
@@ -47,7 +47,7 @@ class Bench:
         self.parts.append(document)
 
     def run(self, cycles, outputs=0, tcp=PICK):
-        """Command outputs with the MDT of each bus cycle; return what hangs at the robot then."""
+        """Command outputs with the MDT of each bus cycle; return the attached payload."""
         carried = None
         for _ in range(cycles):
             cycle = self.around.cycle + 1
@@ -62,7 +62,7 @@ class Bench:
         self.simulated.drop_part(self.around.cycle + 1)
 
     def log(self, *more, **options):
-        """Return the log of all that was told."""
+        """Return the log of all reports."""
         log = PartsLog(**options)
         for told in (*self.parts, *more):
             log.add(json.dumps(told))

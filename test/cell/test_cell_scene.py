@@ -28,7 +28,7 @@ DOCUMENT = {
 
 @pytest.fixture
 def scene():
-    """Return what is told, as it arrives."""
+    """Return the published scene, as received."""
     return json.loads(json.dumps(World(cell_file.parse(DOCUMENT), 1e-3).scene))
 
 

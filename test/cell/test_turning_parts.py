@@ -30,7 +30,7 @@ BELT = {
 
 
 class Turner:
-    """A TCP and a tool that are wherever they are told to be."""
+    """A TCP and a tool with prescribed poses."""
 
     def __init__(self, document=None):
         self.world = World(cell_file.parse(document or DOCUMENT), CYCLE_S)
@@ -53,7 +53,7 @@ class Turner:
         return self.world.records[0]
 
     def carry(self, beside=(0.0, 0.0), begin=0.0, end=math.pi / 2):
-        """Take the part with the cup beside its middle and the tool at one angle; put it down with it at another."""
+        """Pick up the part off centre with the tool at one angle; put it down with it at another."""
         self.at, self.turn = (PICK[0] + beside[0], PICK[1] + beside[1], PICK[2]), begin
         self.go(self.at, begin, ON, 60)
         self.go(UP, begin, ON, 400)

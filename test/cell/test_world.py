@@ -26,14 +26,14 @@ DOCUMENT = {
 
 
 class Hand:
-    """The TCP of a robot that is wherever it is told to be."""
+    """The TCP of a robot with prescribed positions."""
 
     def __init__(self, document=None, start_cycle=0):
         self.world = World(cell_file.parse(DOCUMENT if document is None else document), CYCLE_S, start_cycle)
         self.cycle, self.at = 0, PICK
 
     def stay(self, output, cycles):
-        """Stand; return what the vacuum switch tells."""
+        """Rest for a time; return the value of the vacuum switch."""
         return [self.step(self.at, output) for _ in range(cycles)]
 
     def step(self, place, output):

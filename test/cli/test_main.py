@@ -25,7 +25,7 @@ FIGURES = {
 
 
 def printed(figures):
-    """Return what people read, by the name of the row; rows of one name as a list."""
+    """Return the printed values by the name of the row; rows of one name as a list."""
     rows = {}
     for line in figures_text(figures):
         assert line[14:16] == '  '
@@ -186,7 +186,7 @@ def test_version_is_printed(capsys):
 
 
 def completed(script, *words):
-    """Return what bash offers for the last word."""
+    """Return the completions of bash for the last word."""
     line = ' '.join(f"'{word}'" for word in words)
     ask = f'COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; _delta3; printf "%s\\n" "${{COMPREPLY[@]}}"'
     done = subprocess.run(

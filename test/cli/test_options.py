@@ -27,7 +27,7 @@ REPORT = {'ok': True}
 
 
 class Asked(Exception):  # noqa: N818  it is no error: a command has got as far as what is asked here
-    """Ends a command with what it asks for."""
+    """Ends a command with its request."""
 
 
 @pytest.fixture(autouse=True)
@@ -42,7 +42,7 @@ ABRUPT = ['--jerk', '35']
 
 @pytest.fixture
 def sent(monkeypatch):
-    """Return what ``move`` sends to a robot at rest: the statement or program, and how it is adapted."""
+    """Return the message that ``move`` sends to a robot at rest: statement or program, and its adaptation."""
     client = pytest.importorskip('delta3_pacdrive.ros.clients.robot_client', exc_type=ImportError)
     found = []
     operator = SimpleNamespace(
@@ -103,14 +103,14 @@ def test_each_option_of_a_move_that_is_sent_is_in_its_statement(arguments, state
 
 
 def asked(command, arguments):
-    """Run a command until it asks; return what for."""
+    """Run a command until its request; return the request."""
     with pytest.raises(Asked) as caught:
         command.main(arguments)
     return caught.value.args
 
 
 def asking(*_):
-    """Take the place of what a command calls."""
+    """Replace the function that a command calls."""
 
     def ask(*arguments, **named):
         raise Asked(*arguments, *named.values())

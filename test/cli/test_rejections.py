@@ -19,7 +19,7 @@ def own_domain(monkeypatch):
 
 @pytest.fixture
 def refused(capfd):
-    """Return the function that runs a command line and returns its status and what it says on standard error."""
+    """Return the function that runs a command line and returns its status and its standard error."""
 
     def run(arguments):
         capfd.readouterr()

@@ -19,11 +19,11 @@ FOLDER = parameters.config_directory()
 
 
 class Asked(Exception):  # noqa: N818  it is no error: a command has got as far as what is asked here
-    """Ends a command with what it asks for."""
+    """Ends a command with its request."""
 
 
 def asking(*_):
-    """Take the place of what a command calls."""
+    """Replace the function that a command calls."""
 
     def ask(*arguments, **named):
         raise Asked(*arguments, *named.values())
@@ -32,7 +32,7 @@ def asking(*_):
 
 
 def asked(command, arguments):
-    """Run a command until it asks; return what for."""
+    """Run a command until its request; return the request."""
     with pytest.raises(Asked) as caught:
         command.main([str(one) for one in arguments])
     return caught.value.args
@@ -54,7 +54,7 @@ def options_of(command, capsys):
 
 @pytest.fixture
 def brought_up(monkeypatch):
-    """Return the function that gives what a bring-up is asked for."""
+    """Return the function that returns the arguments of a bring-up."""
     bringup = pytest.importorskip('delta3_pacdrive.bringup.bringup', exc_type=ImportError)
     monkeypatch.setattr(bringup, 'Bringup', asking())
     monkeypatch.setattr(run, 'announce_compilation', lambda _: None)

@@ -38,7 +38,7 @@ def test_what_a_study_cannot_write_is_rejected_before_anything_is_computed(
 
 
 class _Found:
-    """A search for gains that has found some at once."""
+    """A search for gains that finds some immediately."""
 
     def __init__(self, settings, output, *_):
         self.output = output

@@ -44,7 +44,7 @@ RESULT = FIGURES | {
 
 
 def printed(capsys):
-    """Return what was printed as texts by the name before them."""
+    """Return the printed texts by the name before them."""
     rows = {}
     for line in capsys.readouterr().out.splitlines():
         name, _, text = line.strip().partition('  ')
@@ -300,7 +300,7 @@ def tuned(monkeypatch, capsys):
 
 
 def returning(document):
-    """Return what takes the place of a study: it ends with a document."""
+    """Return a replacement for a study: it returns a document."""
     return lambda *_: SimpleNamespace(run=lambda *_: document)
 
 
@@ -364,7 +364,7 @@ def test_a_sweep_is_printed_with_margins_overshoot_and_error(tuned):
 
 
 def lines(capsys):
-    """Return what was printed, blanks made single."""
+    """Return the printed lines with single blanks."""
     return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
 

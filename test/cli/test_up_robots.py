@@ -10,7 +10,7 @@ from delta3_pacdrive.cli.up_robots import result_lines, text_table
 
 
 class Robot:
-    """What the supervisor knows of a robot."""
+    """The supervisor's record of a robot."""
 
     def __init__(self, namespace, progress=(), error='', ended=False):
         self.namespace, self.progress, self.error, self.ended = namespace, dict(progress), error, ended

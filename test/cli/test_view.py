@@ -16,7 +16,7 @@ pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 
 def refused(capsys, *arguments):
-    """Run the command; return the sentence that it is refused with."""
+    """Run the command; return the message of its rejection."""
     assert main(['view', *arguments]) == 1
     output = capsys.readouterr()
     assert output.out == ''
@@ -107,7 +107,7 @@ def own_ports(monkeypatch):
 
 @pytest.fixture
 def shown(tmp_path, monkeypatch, capsys, own_ports):
-    """Return the function that shows a short recording, and returns what the page is asked for while it is there."""
+    """Return the function that shows a short recording, and returns the requests to the page during it."""
     from delta3_pacdrive.view import playback
 
     cycles, found = 5, []

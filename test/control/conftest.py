@@ -48,12 +48,12 @@ FAILURE = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
 
 class Rig:
-    """A robot that is up: bus in CP4, planner listened to; time passes only when it is told to.
+    """A robot in operation: bus in CP4, planner accepted; time advances only on request.
 
     Attributes
     ----------
     answers
-        What requests were answered with: (operator, number, accepted, sentence).
+        Replies to requests: (operator, number, accepted, message).
 
     """
 
@@ -150,12 +150,12 @@ class Rig:
         self.tick()
 
     def tell(self) -> None:
-        """Tell the planner how the robot is."""
+        """Send the state of the robot to the planner."""
         self.planner.receive_status(self.orders.status('CP4', self.next_cycle), self.now_s)
         self.settle()
 
     def settle(self) -> None:
-        """Carry out what is due on both sides until nothing is left."""
+        """Carry out all due work on both sides."""
         while self.state.actions or self.planner.actions or self.orders.waiting or self.orders.verdicts:
             actions, self.state.actions = self.state.actions, []
             for action in actions:
@@ -289,7 +289,7 @@ class Rig:
 
 @pytest.fixture(scope='session')
 def memory(robot: Parameters) -> Callable[[Job], Result]:
-    """Plan what was planned before from memory: random sequences plan the same few programs again and again."""
+    """Plan repeated programs from memory: random sequences plan the same few programs again and again."""
 
     @lru_cache(maxsize=4096)
     def remembered(queue: Any, text: str, adaptation: Any, here: Any, wrapped: bool) -> Result:

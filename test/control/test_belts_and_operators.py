@@ -48,7 +48,7 @@ def largest_step(node):
 
 
 def another_picks(node, robot):
-    """Let another script take control, and pick a part; return where the robot stands then."""
+    """Let another script take control and pick a part; return the position of the robot afterwards."""
     node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
     another = BeltRobot(ConnectedLink(node, robot), 'another')
     pick(another)
@@ -224,7 +224,7 @@ def test_a_script_gives_up_in_the_moment_in_which_the_belt_is_lost(robot, left_c
     there = around(SLOW, 3)
 
     def works(called, until=None):
-        """Stay above a part; return the bus cycle in which that began, and what was seen behind it."""
+        """Stay above a part; return the first bus cycle of the stay and the next observation."""
         seen = []
         try:
             with called.track('line', timeout_s=5.0, **QUICK):

@@ -42,7 +42,7 @@ def picks(called):
 
 
 def holds(called):
-    """Stop on the belt, and behind it, and go on."""
+    """Stop on the belt and after it, and continue."""
     with called.track('line', timeout_s=5.0, **QUICK):
         called.move_l(to_mm=[0, 0, 40], **QUICK)
         called.wait()
@@ -94,7 +94,7 @@ def stays(called):
 
 
 def gives_up(called):
-    """Leave the work for a reason of its own."""
+    """Cancel the work for an own reason."""
     try:
         with called.track('line', timeout_s=5.0, **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)

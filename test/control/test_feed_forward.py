@@ -31,7 +31,7 @@ def model(robot):
 
 
 def started(robot, moves=MOVES, **fields):
-    """Return a task that stands at home and starts moves in cycle ``START``, and its plan."""
+    """Return a task at rest at home that starts moves in cycle ``START``, and its plan."""
     task = Transformation(robot)
     theta = kinematics.inverse(HOME_M, robot.kinematics)
     increments = robot.bus.increments_per_rev / (2.0 * np.pi)

@@ -101,7 +101,7 @@ class Course:
             rig.run(chance.choice((1, 7, 60, 400)))
 
     def finish(self) -> None:
-        """Drive what is left at full speed."""
+        """Drive the rest at full speed."""
         rig = self.rig
         self.ask('override', '100')
         for _ in range(300):

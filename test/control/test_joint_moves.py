@@ -43,7 +43,7 @@ def as_received(plan, robot):
 
 
 def started(robot, plan, cycle=BEGIN):
-    """Return a task that stands at home and begins a plan at a cycle."""
+    """Return a task at rest at home that starts a plan at a cycle."""
     task = Transformation(robot)
     task.locate(kinematics.inverse(HOME, robot.kinematics) * GEAR)
     task.load(plan)

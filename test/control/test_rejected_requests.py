@@ -40,7 +40,7 @@ def put_into(rig: Any, state: str) -> None:
 
 
 def known(rig: Any) -> tuple[Any, ...]:
-    """Return all that a failed request must not change: queue, override, what is driven, drives, control."""
+    """Return the state that a failed request must not change: queue, override, motion, drives, control."""
     planner, state, task = rig.planner, rig.state, rig.task
     timeline = task.timeline if task.loaded else None
     holder = rig.control.operator.identity if rig.control.operator else ''

@@ -28,7 +28,7 @@ PLACES = (
 
 
 class Sequence:
-    """One random sequence of calls of a script, of requests beside it, and of what happens to the robot."""
+    """One random sequence of calls of a script, requests of other clients, and events at the robot."""
 
     def __init__(self, robot, seed):
         self.node, self.parameters, self.chance = ServedNode(robot), robot, random.Random(seed)
@@ -71,7 +71,7 @@ class Sequence:
         self.told.append(f'{what}: {answer} ({self.controller.state.motion})')
 
     def call(self):
-        """Call what scripts call."""
+        """Call a function of the script interface."""
         chance, script = self.chance, self.script
         if script is None or self.controller.scripts.operator != self.node.identity:
             self.take(self.node.identity, chance.random() < 0.8)
@@ -147,7 +147,7 @@ class Sequence:
         return self.controller.control.take(Operator(identity, identity[:4]), by_force, self.now_s)
 
     def answer(self, request):
-        """Return what a request is answered with, sooner or later."""
+        """Return the reply to a request, immediate or later."""
         answers = []
         outcome = request(lambda reason, sentence: answers.append(reason or sentence))
         if outcome is not None:
@@ -175,7 +175,7 @@ class Sequence:
         assert -0.8 < tcp[2] < -0.7
 
     def lead_out(self):
-        """Do what the documentation says: take control, abort, reset, enable; then a script begins and moves."""
+        """Follow the documentation: take control, abort, reset, enable; then a script starts and moves."""
         assert self.take(self.node.identity, True) is None
         if self.controller.state.motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED):
             self.attempt('abort', self.controller.scripts.abort)

@@ -150,7 +150,7 @@ class Sequence:
         assert -1.0 < tcp[2] < -0.6
 
     def lead_out(self) -> None:
-        """Do what the documentation says: reset, enable, clear; then a move works."""
+        """Follow the documentation: reset, enable, clear; then a move works."""
         rig = self.rig
         rig.take_control('A', by_force=True)
         rig.beating = 'A'

@@ -14,7 +14,7 @@ pytest.importorskip('sphinx', reason='the documentation needs the extra "docs"')
 
 @pytest.fixture(scope='module')
 def html(tmp_path_factory):
-    """Build the pages; return what they hold, by their names."""
+    """Build the pages; return their contents by name."""
     folder = tmp_path_factory.mktemp('html')
     done = subprocess.run(
         [sys.executable, '-m', 'sphinx', '-q', '-W', '--keep-going', '-b', 'html', SOURCE / 'docs', folder],

@@ -1,6 +1,6 @@
 """Every block of the README and of the documentation runs as printed.
 
-Pages whose commands compute for long: ``test_long_pages``; those that need a robot: ``../system``.
+Pages with long computations: ``test_long_pages``; pages that need a robot: ``../system``.
 """
 
 import re

@@ -15,7 +15,7 @@ SCREENSHOTS = SOURCE / 'docs/screenshots'
 
 
 def require_round(path):
-    """Require a small animation that goes on for ever, at whose end the robot is where it began."""
+    """Require a small endless animation in which the last pose of the robot equals the first."""
     assert path.stat().st_size <= 500_000
     with Image.open(path) as animation:
         assert 24 <= animation.n_frames <= 40

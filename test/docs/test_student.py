@@ -42,7 +42,7 @@ def rows():
 
 
 def named(column):
-    """Return what stands in backticks in a column."""
+    """Return the texts in backticks in a column."""
     return sorted({name for row in rows() for name in re.findall(r'`([^`]+)`', row[column])})
 
 

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Makes the golden figures of simulated runs anew.
 
-    python test/golden/make.py        writes figures.json beside this file
+    python test/golden/make.py        writes figures.json into this folder
 
-The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of what that depends on:
+The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of the dependencies:
 versions of the interpreter, of numba and its compiler, numpy, scipy, ruckig and the C library, and the kind of
 processor with its features. Figures have nine digits. Each signal of a run has a digest of its bits, and two digests
 cover all signals: one those made of all samples of the current loops, the other all others. They may change only with
-the equations, the parameters or the programs; a commit that changes them says why.
+the equations, the parameters or the programs; a commit that changes them gives the reason.
 """
 
 import hashlib
@@ -128,7 +128,7 @@ def digest(trace, names):
 
 
 def figures(name):
-    """Return the figures of a case: of each signal rms and last value by axis, and what the run says of itself."""
+    """Return the figures of a case: rms and last value by axis of each signal, and the summary of the run."""
     program, changes, file = CASES[name]
     robot = parameters.load(file).replace(**changes)
     program = (

@@ -6,7 +6,7 @@ from importlib import metadata
 
 
 def maker():
-    """Return a short digest of what the bits depend on beside the sources."""
+    """Return a short digest of all dependencies of the bits except the sources."""
     import llvmlite.binding as llvm
 
     packages = [

@@ -33,7 +33,7 @@ DOCUMENT = json.loads((GOLDEN / 'figures.json').read_text(encoding='utf-8'))
 
 @pytest.fixture(scope='module')
 def made(tmp_path_factory):
-    """Return what the command writes that makes the figures anew, in a copy of this folder."""
+    """Return the files that the generating command writes in a copy of this folder."""
     root = tmp_path_factory.mktemp('sources')
     copy = root / 'test' / 'golden'
     copy.mkdir(parents=True)
@@ -60,7 +60,7 @@ def test_developers_page_names_the_command():
 
 
 def compare(wanted, found, *, same_maker):
-    """Compare a run with its golden figures; return the signals with other bits, whose rounded figures agree.
+    """Compare a run with its golden figures; return the signals with other bits but equal rounded figures.
 
     Where the bits have to be the same, a signal with other bits raises AssertionError, too.
     """

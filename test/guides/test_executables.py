@@ -36,7 +36,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 @contextmanager
 def started(line: str, environment: dict[str, str]) -> Iterator[None]:
-    """Start a command line, and end it with Ctrl-C behind a block of code."""
+    """Start a command line, and end it with Ctrl-C after a block of code."""
     process = subprocess.Popen(['bash', '-c', f'exec {line}'], env=environment)
     try:
         yield

@@ -51,7 +51,7 @@ def cold(tmp_path_factory):
 
 
 def answers_of(program, *kinds):
-    """Return what a program answers that is started once for each kind of robot, all at once."""
+    """Return the outputs of a program in parallel processes, one for each kind of robot."""
     processes = [
         subprocess.Popen(
             [sys.executable, '-P', '-c', program, *filter(None, [kind])],

@@ -79,14 +79,14 @@ def copy(tmp_path):
 
 @pytest.fixture(scope='module')
 def compiled(tmp_path_factory):
-    """Return what the program answers that has filled a cache, and that cache."""
+    """Return the output of a program that filled a cache, and that cache."""
     cache = tmp_path_factory.mktemp('kernels') / 'cache'
     return output_of(FORWARD, cache), cache
 
 
 @pytest.fixture
 def first(compiled, tmp_path):
-    """Return that answer; the test has a cache of its own, which the program has filled."""
+    """Return that output; the test has an own cache, filled by the program."""
     answer, cache = compiled
     shutil.copytree(cache, tmp_path / 'cache')
     return answer

@@ -50,7 +50,7 @@ STEPS = st.fixed_dictionaries({'by_m': st.lists(st.floats(-0.1, 0.1), min_size=3
 
 
 def statements(points, limits, numbers, flags):
-    """Return a strategy for statements whose fields come from others."""
+    """Return a strategy for statements with fields of other statements."""
     path = {
         'speed_m_s': limits,
         'acceleration_m_s2': limits,

@@ -34,7 +34,7 @@ patterns:
 
 @pytest.fixture
 def load(robot, tmp_path):
-    """Return what reads a program from its text."""
+    """Return a function that reads a program from its text."""
     path = tmp_path / 'program.yaml'
 
     def read(text):
@@ -46,7 +46,7 @@ def load(robot, tmp_path):
 
 @pytest.fixture
 def refused(load, tmp_path):
-    """Return what is said of a text that is no program, without the name of the file."""
+    """Return the message for an invalid program, without the name of the file."""
 
     def read(text):
         with pytest.raises(ProgramError) as caught:

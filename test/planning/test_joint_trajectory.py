@@ -31,7 +31,7 @@ def moved(angles, *by):
 
 
 def planned(robot, points, more=(), **options):
-    """Plan a trajectory from the home point on, and moves behind it."""
+    """Plan a trajectory from the home point, and following moves."""
     document = {'moves': [{'joints': {'points': points}}, *more]}
     return program_planner.plan(programs.parse(document, robot.motion), HOME, robot, **options)
 
@@ -47,7 +47,7 @@ def point(time_s, angles, speeds=None, accelerations=None):
 
 
 def refusal(robot, *points):
-    """Return the sentence with which a trajectory is refused."""
+    """Return the message of a rejected trajectory."""
     with pytest.raises(ProgramError) as caught:
         planned(robot, list(points))
     sentence = str(caught.value)

@@ -56,7 +56,7 @@ def test_position_before_a_program_does_not_matter(learned, robot):
 
 @pytest.mark.parametrize(('off_m', 'fits'), [(1e-6, True), (1e-5, True), (5e-5, False), (5e-4, False)])
 def test_returning_robot_may_be_some_increments_off_the_start(off_m, fits, learned, robot):
-    """Its plan begins where it stands: the same motion, to micrometres, but never the same numbers."""
+    """Its plan begins at the present position: the same motion, to micrometres, but never the same numbers."""
     plan = planned(robot, here_m=(0.0, off_m, -0.75 + 0.3 * off_m))
     assert (learned.refusal(plan, robot) == '') == fits
 
@@ -68,7 +68,7 @@ def test_part_gripped_during_motion_has_the_same_mass(payload_kg, fits, robot):
 
 
 def test_rounds_that_begin_elsewhere_than_the_first_one_are_the_same_moves(robot):
-    """A first round that begins beside the others has moves of its own in the plan."""
+    """A first round with a deviating start has separate moves in the plan."""
     rounds = {'repeat': 3, 'moves': [*PROGRAM['moves'], {'move_l': {'to_m': PROGRAM['start_m']}}]}
     exact, beside = planned(robot, **rounds), planned(robot, here_m=(2e-7, 0.0, -0.75), **rounds)
     assert len(exact.moves) < len(beside.moves)

@@ -72,7 +72,7 @@ def planned(robot):
 
 
 def refusal(function, *arguments):
-    """Return the sentence with which a message is refused."""
+    """Return the error of a rejected message."""
     with pytest.raises(ProgramError) as caught:
         function(*arguments)
     sentence = str(caught.value)

@@ -19,7 +19,7 @@ def square(*blends):
 
 
 def standstills(planned):
-    """Times at which the TCP stands, but for both ends."""
+    """Times of rest of the TCP between start and end."""
     times = np.arange(5e-3, planned.plan.duration_s - 5e-3, 1e-3)
     _, master, _ = sample_plan(planned.plan, times)
     stands = np.abs(master[:, 1]) < 1e-3

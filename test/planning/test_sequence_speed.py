@@ -124,7 +124,7 @@ def test_a_smooth_joint_stays_on_both_curves(robot):
 
 
 def test_a_sharp_corner_of_many_costs_no_speed_elsewhere(robot):
-    """A zigzag: its long straights run at the limit, whatever the corners between them need."""
+    """A zigzag: its long straights run at the limit, independent of the corners between them."""
     rng = np.random.default_rng(7)
     for _ in range(4):
         turns = rng.uniform(-150.0, 150.0, 4)

@@ -11,7 +11,7 @@ STEP_S = 62.5e-6
 
 
 def values(n):
-    """Return what the channels of a drive have at samples: a saw tooth from -50 to 49, and the number."""
+    """Return the channel values of a drive at samples: a saw tooth from -50 to 49, and the number."""
     n = np.asarray(n)
     return np.column_stack([n % 100 - 50.0, n.astype(float)])
 

@@ -354,7 +354,7 @@ def test_a_compressed_message_that_ends_too_early_is_damage(tmp_path):
 
 @pytest.fixture(scope='module')
 def half(robot, tmp_path_factory):
-    """A bag of experiment 1 without the metadata of its recorder, whose second file is missing."""
+    """A bag of experiment 1 without its metadata and without its second file."""
     run = simulation.run(programs.load('experiment1', robot.motion), robot)
     constant = robot.motor.torque_constant_n_m_a
     cycles = range(len(run.time_s) // 2)

@@ -55,7 +55,7 @@ def changed(content, edits):
 
 
 def told(read):
-    """Return what is read, None if it is refused in one sentence."""
+    """Return the trace, or None if it is rejected with one message."""
     try:
         return read()
     except TraceError as error:

@@ -154,7 +154,7 @@ def h5py():
 
 
 def mat_73(h5py, path, variables):
-    """Write variables as MATLAB does with -v7.3: HDF5 behind a header, columns first, with their classes."""
+    """Write variables as MATLAB does with -v7.3: HDF5 after a header, columns first, with their classes."""
     with h5py.File(path, 'w', userblock_size=512) as file:
         for name, values in variables.items():
             if isinstance(values, str):

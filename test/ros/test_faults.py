@@ -46,7 +46,7 @@ class Cell:
         return np.array([[m.point.x, m.point.y, m.point.z] for m in messages if m.header.stamp.sec >= 0])
 
     def wait_until_disabled(self) -> None:
-        """Wait until every drive stands without torque."""
+        """Wait until every drive is at rest without torque."""
         quiet = (DriveState.READY, DriveState.FAULT)
         self.graph.spin_until(
             lambda: all(node.drive.drive_state in quiet for node in self.drives), 'drives without torque'

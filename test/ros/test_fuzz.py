@@ -90,7 +90,7 @@ def path_message(frame: str, places: list[tuple[float, float, float]]) -> Path:
 
 
 def string_message(text: str) -> String:
-    """Return a text as a message, without what cannot be sent."""
+    """Return a text as a message, without characters that cannot be sent."""
     return String(data=text.replace('\0', '').encode('utf-8', 'replace').decode())
 
 
@@ -112,7 +112,7 @@ def robot(graph: Any) -> Any:
 
 
 def assert_ready(graph: Any, task: Any) -> None:
-    """The bus goes on, without a fault, and the TCP has not moved."""
+    """Check that the bus runs without a fault and that the TCP has not moved."""
     cycles = task.progress().cycles
     graph.spin_until(lambda: task.progress().cycles > cycles, 'the next cycle')
     facts = task.progress()

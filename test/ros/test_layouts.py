@@ -21,7 +21,7 @@ SHOWS = {'MarkerArray': 'MarkerArray', 'RobotModel': 'String', 'PointStamped': '
 
 
 def values(tree: Any, *keys: str) -> list[Any]:
-    """Return what stands behind these keys, however deep."""
+    """Return the values of these keys, at any depth."""
     found = []
     if isinstance(tree, dict):
         found += [value for key, value in tree.items() if key in keys]

@@ -209,7 +209,7 @@ def test_moves_are_accepted_as_messages_of_standard_types(cell: Cell) -> None:
 
 
 def refusal(cell: Cell, action: Any) -> str:
-    """Return the sentence with which a request is refused."""
+    """Return the message of a rejected request."""
     with pytest.raises((ProgramError, RunError)) as caught:
         action()
     sentence = str(caught.value)

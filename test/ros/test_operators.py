@@ -55,7 +55,7 @@ def cell(graph: Any) -> Cell:
 
 
 class Prompt(OperatorNode):
-    """An operator whose requests are answered while they are published, as another thread may hear it."""
+    """An operator whose replies arrive during publication, as possible with another thread."""
 
     def create_subscription(self, kind: Any, name: str, callback: Any, *options: Any, **more: Any) -> Any:
         if name == 'control/reply':

@@ -35,7 +35,7 @@ STATUS = Status('aaaa', '', 1, '', 'idle', 'CP4', '', '', 1, (0.0, 0.0, -0.8), 0
 
 
 class Plant:
-    """The cell of a plant whose bus goes on when a test says so."""
+    """The cell of a plant whose bus advances on request of the test."""
 
     def __init__(self, graph: Any, path: Path) -> None:
         self.graph, self.node = graph, graph.add(RobotNode, 'plant')

@@ -29,7 +29,7 @@ ON_REQUEST = {'motion__start_cycle': -1}
 
 
 class Cell:
-    """A robot without a clock, whose nodes can be taken away."""
+    """A robot without a clock and with removable nodes."""
 
     def __init__(self, graph: Any) -> None:
         self.graph = graph
@@ -54,7 +54,7 @@ class Cell:
         self.graph.remove(node)
 
     def reset_and_move_home(self) -> None:
-        """Do what an operator does, without restarting anything."""
+        """Follow the procedure of an operator, without restarting anything."""
         graph, operator = self.graph, self.operator
         graph.spin_until(lambda: self.task.progress().phase == 'CP4', 'cyclic operation')
         graph.spin_until(lambda: operator.state == 'error', 'the fault')
@@ -164,7 +164,7 @@ def test_second_master_waits_and_the_robot_continues(cell: Cell, graph: Any) -> 
 
 
 def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell: Cell, graph: Any) -> None:
-    """What a bag that is played back publishes: good telegrams of cycles that are still to come."""
+    """The messages of a bag that is played back: good telegrams of future cycles."""
     mdts = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
     ats = graph.listen(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
     graph.spin_until(lambda: mdts and ats, 'telegrams')
@@ -219,7 +219,7 @@ def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None
 
 
 def stopped_by_a_fault(cell: Cell, graph: Any) -> np.ndarray:
-    """Stop the motion by a broken encoder, mend it, clear the fault, enable; return where the TCP stands."""
+    """Stop by a broken encoder, mend it, clear the fault, enable; return the resting position of the TCP."""
     places = graph.listen(PointStamped, 'motion/located', LATCHED)
     cell.move()
     cell.operator.inject('{fault: encoder_failure, axis: axis2}')
@@ -314,7 +314,7 @@ def test_drive_that_returns_before_cyclic_operation_costs_nothing(graph: Any) ->
 
 
 def named(progress: dict[str, Any], partner: str) -> bool:
-    """Whether the master names a partner, and nobody else."""
+    """Return whether the master names this partner only."""
     waiting, fault = progress.waiting, progress.fault
     if partner == 'plant':
         guess = 'is the plant running?'

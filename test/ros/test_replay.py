@@ -89,7 +89,7 @@ class Recording:
         return lambda data: self._messages.append((topic, data))
 
     def ended(self) -> list[tuple[str, bytes]]:
-        """Record no longer; return what will be played back."""
+        """End the recording; return the messages for playback."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         return thinned(self._messages)
@@ -122,7 +122,7 @@ class Cell:
         self.wait_for('moving')
 
     def publish(self, topic: str, message: Any, done: Callable[[], bool]) -> None:
-        """Publish as a client without a name does, and wait for what comes of it."""
+        """Publish as a client without a name, and wait for the effects."""
         publisher = self.player.create_publisher(OPEN[topic][0], topic, REQUEST)
         self.graph.spin_until(
             lambda: publisher.get_subscription_count() == 2, f'recorder and planner of {topic}'
@@ -132,7 +132,7 @@ class Cell:
         self.player.destroy_publisher(publisher)
 
     def ask_openly(self) -> None:
-        """Do by topics what clients without a name may do: an override, moves, a trajectory."""
+        """Send by topics the requests of clients without a name: an override, moves, a trajectory."""
         queue = self.operator
         self.publish('unit_robot/override', Float64(data=80.0), lambda: queue.queue.override == 0.8)
         self.publish('unit_robot/override', Float64(data=100.0), lambda: queue.queue.override == 1.0)
@@ -153,7 +153,7 @@ class Cell:
         self.wait_for('idle')
 
     def do_everything(self) -> None:
-        """Do what leaves a trace on every topic: programs, override, hold, resume, faults, reset, enabling."""
+        """Leave a trace on every topic: programs, override, hold, resume, faults, reset, enabling."""
         operator = self.operator
         operator.take_control('the one who was recorded')
         self.drive(LINE)
@@ -231,16 +231,16 @@ class Cell:
         return (self.task.controller.answered + bus.outstanding_cycles_max) * bus.cycle_time_s
 
     def facts(self) -> tuple[Any, ...]:
-        """What must not change."""
+        """Return the state that must not change."""
         facts = self.task.progress()
         return facts.state, facts.fault, facts.in_torque, facts.enabled, facts.phase
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
-    """Of every topic the newest messages: what a topic of every bus cycle told before is over for longer.
+    """Return the newest messages of every topic: older messages of cyclic topics are out of date.
 
-    Of the status also some over the whole time, and the last one before whatever clients publish: a bag tells it from
-    its begin on, five times a second.
+    Also return some status messages over the whole time, and the last one before each message of a client: a bag
+    contains the status from its beginning on, five times a second.
     """
     kept = set()
     for topic in TOPICS:
@@ -259,7 +259,7 @@ def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
 
 @pytest.fixture
 def recorded(graph: Any) -> tuple[Cell, list[tuple[str, bytes]]]:
-    """Give a robot that is up, and what it has done before in the same session."""
+    """Give a running robot, and a recording of it in the same session."""
     recording = Recording(graph)
     cell = Cell(graph)
     cell.do_everything()
@@ -286,7 +286,7 @@ def assert_unmoved(
 
 
 def assert_nothing_asked(cell: Cell, state: str, messages: list[tuple[str, bytes]]) -> None:
-    """Play a whole bag: what clients had published is refused, the queue and the override stay as they are."""
+    """Play a whole bag: requests of clients in it are rejected, queue and override remain unchanged."""
     answers = cell.graph.listen(String, 'unit_robot/answer', ANSWERS)
     queue = cell.operator.queue
     cell.play(messages, 100)
@@ -319,7 +319,7 @@ def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whol
 
 @pytest.fixture(scope='module')
 def earlier() -> list[tuple[str, bytes]]:
-    """Return what a robot has done that is no more, for every later one an earlier session."""
+    """Return recordings of a terminated robot, an earlier session for every later one."""
     graph = Graph()
     try:
         recording = Recording(graph)

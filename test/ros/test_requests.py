@@ -44,7 +44,7 @@ class Cell:
         return response.success, json.loads(response.message)
 
     def states(self, identity: str) -> list[str]:
-        """Return the states that were told of a request, each once."""
+        """Return the reported states of a request, each once."""
         told = [report['state'] for report in map(json.loads, (m.data for m in self.reports))
                 if report['id'] == identity]  # fmt: skip
         return list(dict.fromkeys(told))
@@ -307,7 +307,7 @@ def test_no_place_is_published_before_one_was_measured(graph: Any) -> None:
 
 
 class Wire:
-    """A node without a middleware: keeps what is published, and passes on what is received."""
+    """A node without a middleware: stores published messages, and passes on received ones."""
 
     def __init__(self) -> None:
         self.sent: list[Reply] = []

@@ -56,7 +56,7 @@ class Cell:
         self.graph.spin_until(lambda: self.task.progress().master_m > 0.07, 'a third of the way')
 
     def wait_for_rest(self) -> None:
-        """Wait until the robot stands without torque."""
+        """Wait until the robot is at rest without torque."""
         self.graph.spin_until(lambda: self.task.progress().fault, 'a fault')
         self.graph.spin_until(lambda: not self.task.progress().in_torque, 'no torque')
 

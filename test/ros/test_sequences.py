@@ -97,7 +97,7 @@ class Sequence:
         assert self.task.progress().phase == 'CP4'
 
     def lead_out(self) -> None:
-        """Do what the documentation says: reset, enable, clear; then a move works."""
+        """Follow the documentation: reset, enable, clear; then a move works."""
         graph, operator = self.graph, self.operators[0]
         operator.take_control('the last one', by_force=True)
         graph.spin_until(lambda: operator.state != 'stopping', 'standstill')

@@ -35,7 +35,7 @@ SESSION = '\x7f\x01\x02\x03'
 
 
 class Cell:
-    """A robot that stands enabled, and a stranger."""
+    """An enabled robot at rest, and a foreign publisher."""
 
     def __init__(self, graph: Any) -> None:
         self.graph = graph

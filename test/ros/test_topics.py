@@ -149,7 +149,7 @@ def test_late_subscribers_receive_the_urdf_of_the_robot(driven: Driven) -> None:
 
 
 def test_the_tree_of_the_description_closes_with_the_joint_states(driven: Driven) -> None:
-    """What a stock robot_state_publisher makes of both, by a reader of URDF that is not ours."""
+    """Use a third-party reader of URDF as a stock robot_state_publisher does with both."""
     yourdfpy = pytest.importorskip('yourdfpy', reason='the reader of URDF, yourdfpy, is not installed')
     described = driven.graph.listen(String, 'robot_description', LATCHED)
     driven.graph.spin_until(lambda: described, 'the description')

@@ -186,7 +186,7 @@ class Replay:
         return self.figures
 
     def run_beside(self, moves: list[dict[str, Any]], fault: dict[str, Any]) -> Figures:
-        """Run it; when it moves, somebody of whom the soak knows nothing injects a fault."""
+        """Run it; during the motion, a client unknown to the soak injects a fault."""
         graph = self._standing.graph
         other = graph.add(OperatorNode, graph.spin_for)
         due = False

@@ -62,7 +62,7 @@ def put(called):
 
 @pytest.fixture(scope='module')
 def carried(robot):
-    """Return the trace of three parts that were carried from belt to belt, and what the robot knew in the end."""
+    """Return the trace of three parts carried from belt to belt, and the final record of the robot."""
     with scripting.simulate(robot, cell=mixed(doubled_share=0.5), signals=['cell_belts']) as called:
         for _ in range(3):
             take(called, called.part('line', kind='disc'))

@@ -29,7 +29,7 @@ def stays(called, time_s, **track):
 
 
 def refused(called, script):
-    """Return the error with which a script is refused."""
+    """Return the error of a rejected script."""
     with pytest.raises(scripting.ScriptError) as told:
         script(called)
     return told.value
@@ -378,7 +378,7 @@ def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_rejected_before
 
 
 def above_only(called):
-    """Get on the belt and decide there what to do next."""
+    """Synchronize with the belt and decide there about the next action."""
     with called.track('line', timeout_s=5.0, speed_m_s=4.0, acceleration_m_s2=10.0, jerk_m_s3=500.0):
         called.move_l(to_mm=[0, 0, 60], **QUICK)
         called.wait()

@@ -27,7 +27,7 @@ def driven(robot, script, **options):
 
 
 def begins(trace, after=0):
-    """Return the first bus cycle behind another one in which the TCP is commanded elsewhere."""
+    """Return the first later bus cycle with another commanded TCP."""
     moved = np.abs(np.diff(trace['tcp_command'], axis=0)).max(axis=1) > 0.0
     return int(np.flatnonzero(moved[after:])[0]) + after
 
@@ -263,7 +263,7 @@ def test_a_payload_counts_from_the_next_move_on(robot):
 
 
 def test_a_script_of_many_moves_is_planned_in_pieces(robot):
-    """More statements than are planned together: the bus goes on while the script is held up."""
+    """More statements than fit one planned piece: the bus runs while the script waits."""
     times = []
 
     def script(called):

@@ -24,7 +24,7 @@ CELL = 'name: own\ninputs:\n  part: {changes: [{after_s: 0.4, value: true}]}\n'
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return a folder with a script and its cell, in which the test stands."""
+    """Return a folder with a script and its cell, which is the working directory of the test."""
     (tmp_path / 'pick.py').write_text(PICK, encoding='utf-8')
     (tmp_path / 'own.yaml').write_text(CELL, encoding='utf-8')
     monkeypatch.chdir(tmp_path)

@@ -26,7 +26,7 @@ CELL = 'name: own\ninputs:\n  part: {changes: [{after_s: 0.4, value: true}]}\n'
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return a folder with a script, what it imports, and its inputs, in which the test stands."""
+    """Return a folder with a script, its imports and inputs, which is the working directory of the test."""
     for name, text in (('pick.py', PICK), ('places.py', PLACES), ('cell.yaml', CELL)):
         (tmp_path / name).write_text(text, encoding='utf-8')
     monkeypatch.chdir(tmp_path)

@@ -30,7 +30,7 @@ def program(robot):
 
 @pytest.fixture(scope='module')
 def crooked(robot):
-    """Return a robot whose arms are not as drawn, which is all that is built about it."""
+    """Return a robot with deviating arms and otherwise nominal parameters."""
     return with_only(robot, 'geometry', **ERRORS)
 
 
@@ -52,7 +52,7 @@ def test_true_tcp_moves_to_the_programmed_position(crooked, program):
 
 
 def test_corrections_are_of_the_controller_and_not_of_the_machine(crooked):
-    """The same shafts hold the same arms, whatever the controller takes them for."""
+    """The same shafts hold the same arms, independent of the controller's model of them."""
     before, after = Robot(crooked), Robot(crooked.replace(**CORRECTIONS))
     assert before.plant.record['geometry'] == after.plant.record['geometry']
     shaft = np.array(after.plant.shafts()[:3]) - before.plant.shafts()[:3]
@@ -61,7 +61,7 @@ def test_corrections_are_of_the_controller_and_not_of_the_machine(crooked):
 
 
 def test_drives_count_from_the_calibrated_zero_point(robot):
-    """Whatever goes over the bus is an arm angle times the gear ratio (S-0-0177)."""
+    """All values on the bus are an arm angle times the gear ratio (S-0-0177)."""
     zero_deg = [-0.05, 0.03, 0.04]
     calibrated = robot.replace(kinematics__arm_angle_correction_deg=zero_deg)
     machine = Robot(calibrated)

@@ -28,7 +28,7 @@ def figures_of(program, robot):
 
 
 def figures_with_wrong_masses(program, robot, share):
-    """Return the figures of a robot whose masses the controller takes for ``share`` of what they are."""
+    """Return the figures of a robot whose controller has ``share`` of the true masses."""
     loaded = programs.load(program, robot.motion)
     robot = placed(robot, loaded)
     wrong = {f'dynamics__{name}': share * getattr(robot.dynamics, name) for name in MASSES}
@@ -77,7 +77,7 @@ def test_with_a_slower_bus_it_reaches_nearly_as_much(cycle_time_s, robot):
 
 
 def test_the_built_robot_gains_too_as_its_encoders_see_it():
-    """Its gears give: what they swing is in no model of a rigid robot."""
+    """Its gears are elastic: their oscillation is in no model of a rigid robot."""
     built = parameters.load('rich')
     before, found = (figures_of('packaging', one) for one in (built, built.replace(**MODEL)))
     assert before['tcp_error_max_m'] == pytest.approx(0.79e-3, rel=0.01)
@@ -101,7 +101,7 @@ def more_peak_current(found, before):
 
 @pytest.fixture(scope='module')
 def picks():
-    """Return what drives the packaging cycle with the built robot, its geometry perfect, and the model."""
+    """Return a function that simulates the packaging cycle of the built robot, its geometry perfect, and the model."""
     built = parameters.load('rich+model').replace(rich__geometry=False)
 
     def driven(stiffness, backlash=0.0):

@@ -47,7 +47,7 @@ def machine():
 
 @pytest.fixture(scope='module')
 def turned(machine):
-    """A run of the packaging cycle whose tool turns half around and back."""
+    """A run of the packaging cycle with tool rotation by half a turn and back."""
     return simulation.run(program(half_cycles(turn=True), machine), machine)
 
 
@@ -208,7 +208,7 @@ def operation(machine, moves, **head):
 
 
 def off_the_path(task):
-    """How far the command of the tool is from what the plan has at the distance of the master [rad]."""
+    """Distance of the tool command from the plan at the distance of the master [rad]."""
     number, distance, _ = task.progress()
     return task.rotary[0].angle_rad - task.timeline.plan.move(number).turns_rad(distance)[0]
 

@@ -32,7 +32,7 @@ def built():
 
 
 def beside(robot, kind, start=START, end=END, **values):
-    """Return the time that a move takes [ms], and where the true TCP is beside its place after it [m]."""
+    """Return the duration of a move [ms], and the deviation of the true TCP from its end point afterwards [m]."""
     robot = robot.replace(control__shaping=kind, **values)
     program = parse(robot, [to(*end, **QUICK), dwell(STANDS * 1e-3)], start_m=list(start), payload_kg=0.5)
     trace = simulation.run(program, robot)

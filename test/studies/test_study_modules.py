@@ -20,7 +20,7 @@ LATER = {'report', 'figures', 'run'}
 
 
 def body(node):
-    """Return what a module or class holds apart from its docstring."""
+    """Return the contents of a module or class apart from its docstring."""
     return node.body[1:] if ast.get_docstring(node) else node.body
 
 

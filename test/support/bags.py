@@ -161,7 +161,7 @@ def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
 
 
 def refusal(path):
-    """Return the one sentence in which a recording is refused; it names the recording."""
+    """Return the message of a rejected recording; it names the recording."""
     with pytest.raises(TraceError) as caught:
         trace_file.load(path)
     sentence = str(caught.value)

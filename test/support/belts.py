@@ -58,9 +58,9 @@ def gets_on(robot):
 
 
 def apart_m(trace, along_m=0.0):
-    """Return how far the true TCP is from the top of a part while it stands on it [m], and the bus cycles.
+    """Return the distance of the TCP from the top of a part during its contact [m], and the bus cycles.
 
-    ``along_m`` is where the part is when the belt has gone 0 m: the first one unless it is told.
+    ``along_m`` is the position of the part at 0 m of belt travel, by default that of the first part.
     """
     tcp, way = trace.signals['tcp_true'], trace.signals['cell_belts'][:, 0]
     top = np.column_stack(

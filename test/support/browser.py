@@ -41,7 +41,7 @@ def chromium():
 
 
 class Visit:
-    """A visit to a page keeps what the page asked the network for and what it complained about."""
+    """A visit to a page records the network requests and the error messages of the page."""
 
     def __init__(self, browser, address, width=1280, height=800, scheme='light', **options):
         self.context = browser.new_context(

@@ -30,7 +30,7 @@ def drive(plant, milliseconds, currents=(0.0, 0.0, 0.0), brakes=RELEASED):
 
 
 def released_plant(robot):
-    """Return a plant at rest at home whose brakes have just opened."""
+    """Return a plant at rest at home immediately after its brakes have opened."""
     plant = Plant(robot)
     plant.state['brake_released'] = 1
     plant.state['brake_locked'] = 0
@@ -111,7 +111,7 @@ LOSSLESS = FRICTIONLESS | {'rich__gear_damping_n_m_s_rad': 0.0, 'rich__gear_back
 
 
 def balance_of_work(robot, milliseconds):
-    """Drive with ``wave``; return energy gained - work of the motors, and what was exchanged [J]."""
+    """Drive with ``wave``; return energy gained - work of the motors, and the exchanged energy [J]."""
     plant = released_plant(robot)
     plant.state['current'] = before = wave(0.0)
     start = energy(plant, robot)

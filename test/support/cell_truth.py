@@ -23,7 +23,7 @@ class Truth:
         self.cycles, self.arrivals, self.made = {}, [], []
 
     def note(self, around, cycle, tcp_m):
-        """Note a bus cycle behind its step."""
+        """Record a bus cycle after its step."""
         at = {part.record.number: (part.at_m, part.angle_rad) for part in self.made}
         self.cycles[cycle] = tuple(map(float, tcp_m)), at
         if around.changed:
@@ -53,7 +53,7 @@ def counted(cycle, counts, session='3fa9'):
 
 @contextmanager
 def witnessed():
-    """Note what the cells of simulations do meanwhile."""
+    """Record the cells of simulations meanwhile."""
     truth, step = Truth(), world.World.step
 
     class NotedPart(world.Part):
@@ -91,7 +91,7 @@ def picks_from_a_belt(**of_belt):
 
 
 def bag_of(folder, arrivals, scene, cycles, more_types=()):
-    """Write a bag with messages of a cell beside those of some bus cycles; its numbers of the robot mean nothing."""
+    """Write a bag with messages of a cell in some bus cycles; its values of the robot are arbitrary."""
     whole = [('cell/scene', text(scene)), *arrivals]
     whole += [(t, message(t, CLOCK.stamp(k), numbers(t, k % 8))) for k in cycles for t in TYPES]
     return record(folder, whole, META, types=TYPES | CELL_TYPES | dict(more_types))

@@ -28,7 +28,7 @@ SLOWEST = 1e-6  # of the mean speed of the known motion: the master never stands
 def shortest_duration(
     casadi, curve, known, robot, payload_kg=0.0, jerk=math.inf, torque_rate=math.inf, steps=1000
 ):
-    """Duration [s] of the fastest motion of a master along a curve from rest to rest; None if none is found.
+    """Return the shortest duration of a motion of a master along a curve from rest to rest [s], or None.
 
     Parameters
     ----------
@@ -37,13 +37,13 @@ def shortest_duration(
     curve
         The path.
     known
-        Phases of a master over it, where the search begins.
+        Phases of a master over it, as the start of the search.
     robot
         Parameters.
     payload_kg, jerk, torque_rate
-        What is carried, and limits of the TCP [m/s^3] and the motors [N m/s].
+        Payload, and limits of the TCP [m/s^3] and the motors [N m/s].
     steps
-        How many pieces the path is divided into.
+        Number of pieces of the path.
 
     """
     length, duration = curve.length_m, float(known[-1, 0])

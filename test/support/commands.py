@@ -15,7 +15,7 @@ from delta3_pacdrive.cli.main import main
 
 
 def delta3(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run ``delta3`` with the arguments, as if by a process of its own."""
+    """Run ``delta3`` with the arguments, as if in a separate process."""
     words = [str(word) for word in arguments]
     return _ended(['delta3', *words], lambda: main(words), cwd)
 

@@ -1,8 +1,8 @@
 """Builds ``control_msgs``, as far as trajectories need it: the package index has no wheel of it.
 
 The generators of the ROS wheels write C from the fields below, a C++ compiler makes one Python extension of it, into a
-folder that only who has it on PYTHONPATH sees. Names and types of fields are those of control_msgs 5 (Jazzy), so that
-bytes on the wire are the same; constants are there as far as the robot uses them.
+folder for PYTHONPATH. Names and types of fields are those of control_msgs 5 (Jazzy), so that bytes on the wire are
+the same; constants are there as far as the robot uses them.
 
     python test/support/control_msgs_build.py FOLDER
 """
@@ -57,7 +57,7 @@ COMPILE_S = 600.0
 
 
 def missing() -> str:
-    """Say what is missing for a build, empty if nothing is."""
+    """Return a message about missing requirements of the build, or an empty text."""
     if shutil.which('g++') is None:
         return 'there is no g++'
     for name in GENERATORS:
@@ -69,7 +69,7 @@ def missing() -> str:
 
 
 def build(folder: Path) -> Path:
-    """Build the package below a folder; returns what has to be on PYTHONPATH."""
+    """Build the package below a folder; return the entry for PYTHONPATH."""
     prefix = Path(sys.prefix)
     os.environ['AMENT_PREFIX_PATH'] = str(prefix)  # where the generators look for their templates
     package = folder / 'site' / PACKAGE

@@ -48,7 +48,7 @@ class Bench:
 
 
 def stand(drive, command, cycles=1, position=0.0, speed=0.0, control=CONTROL_ENABLE):
-    """Run a drive whose shaft is held: nothing that it does moves the shaft; return its currents."""
+    """Run a drive with a locked shaft; return its currents."""
     currents = []
     for _ in range(cycles):
         drive.begin_cycle(command, control, position, speed, 0.0)

@@ -36,7 +36,7 @@ def shown(found):
 
 
 def errors(found, robot):
-    """Return the errors of these estimates, relative to what changes of each are compared with."""
+    """Return the errors of these estimates, relative to the reference of each parameter's changes."""
     true, combined = values_of(robot), {c.symbol: c for c in COMBINATIONS}
     out = {}
     for symbol, e in shown(found).items():

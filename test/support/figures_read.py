@@ -201,7 +201,7 @@ def read_panel(axes, panel, looks):
 
 
 def read_label(axes, way, name, title):
-    """Return the factor of the unit of an axis, whose label it may share with its neighbours."""
+    """Return the factor of the unit of an axis; neighbouring axes may share a label."""
     shared = getattr(axes, f'get_shared_{way}_axes')().get_siblings(axes)
     text = getattr(axes, f'get_{way}label')() or next(
         filter(None, (getattr(own, f'get_{way}label')() for own in shared)), ''
@@ -237,7 +237,7 @@ def agree(values, expected, where):
 
 
 def function_of(draw):
-    """Return the function behind partial functions, with all arguments that they add."""
+    """Return the function inside partial functions, with all arguments that they add."""
     arguments, named = (), {}
     while isinstance(draw, partial) or hasattr(draw, '__wrapped__'):
         if isinstance(draw, partial):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 
 class Handle:
-    """A thing on the page: what it is, what it offers and its value; ``use`` is a click or a choice of somebody."""
+    """An element of the page: its kind, choices and value; ``use`` is a click or a choice of a user."""
 
     def __init__(self, kind, label, options=(), value=None, **more):
         self.kind, self.label, self.options, self.value, self.more = kind, label, tuple(options), value, more
@@ -21,7 +21,7 @@ class Handle:
         self.more['hz'] = callback_hz
 
     def use(self, value=None):
-        """Choose a value, if one is given, and return what the callbacks return."""
+        """Choose a value, if one is given, and return the results of the callbacks."""
         if value is not None:
             self.value = value
         return [one(SimpleNamespace(client='somebody', target=self)) for one in self.callbacks]
@@ -31,7 +31,7 @@ class Handle:
 
 
 class Gui:
-    """Things by their labels; tabs and folders are no things."""
+    """Elements by their labels; tabs and folders do not count."""
 
     def __init__(self):
         self.things = {}

@@ -56,12 +56,13 @@ def shift_of(line: Line, tables: list[list[CycleTable]]) -> shift.BeltShift:
 
 
 def most_that_can_be_picked(line: Line, tables: list[list[CycleTable]], until_s: float) -> float:
-    """Return a bound: no allocation whatever picks more of the parts that come until some time.
+    """Return an upper bound of the number of parts that any allocation picks until some time.
 
-    Whoever knows all parts before picks at most this many. A price for each part lets robots choose for themselves,
-    each the dearest sequence of picks that it has time for, found by going back in time slot by slot. Prices and what
-    the robots earn beyond them are together a bound, whatever the prices are: parts that two robots want become dearer
-    until nothing is gained any more (Lagrange, subgradients). Starts and cycles are rounded down to slots.
+    The bound also holds for an allocation that knows all parts in advance. Each part has a price. Each robot selects
+    the sequence of picks with the highest total price that it has time for, by dynamic programming backwards in time
+    slots. For any prices, their sum and the surplus of the robots are together a bound. The price of a part that two
+    robots select rises until the bound no longer falls (Lagrange, subgradients). Starts and cycles are rounded down
+    to slots.
     """
     belt = line.belts[0]
     coming = parts.of_belt(line, belt)
@@ -169,7 +170,7 @@ def _chances(
 
 @njit
 def _dearest(slots, begin, part, length, prices, wanted):  # type: ignore[no-untyped-def]
-    """Return the value of the best sequence of picks of a robot, and count who is in it."""
+    """Return the value of the best sequence of picks of a robot, and count its parts."""
     values = np.zeros(slots + 1)
     choice = np.full(slots, -1)
     for slot in range(slots - 1, -1, -1):

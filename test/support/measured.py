@@ -39,7 +39,7 @@ def instrument(poses, robot, truth=TRUTH, noise_m=NOISE_M, seed=1):
 
 
 def probe(poses, robot, truth=TRUTH, noise_m=NOISE_M, seed=1):
-    """Return touches: the shafts stand where the true TCP is on the surface, give or take the noise."""
+    """Return touches: shaft positions with the true TCP on the surface, up to the noise."""
     shafts = estimation.shafts_of(poses.points_m, robot)
     noise = noise_m * np.random.default_rng(seed).standard_normal((len(shafts), 1))
     wanted = poses.points_m + noise * poses.directions

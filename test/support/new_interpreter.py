@@ -8,7 +8,7 @@ LIMIT_S = 300.0  # to compile kernels on a busy machine
 
 
 def printed(program: str, *arguments: str) -> tuple[str, str]:
-    """Return the last line that a program prints, and what it writes to its standard error."""
+    """Return the last output line of a program, and its standard error."""
     done = subprocess.run(
         [sys.executable, '-P', '-c', program, *arguments],
         env=os.environ,

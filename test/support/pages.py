@@ -59,7 +59,7 @@ NETWORK = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 
 @dataclass(frozen=True)
 class Block:
-    """A block of a page: its line, its language, the file it is written to, and what the comments above it say."""
+    """A block of a page: line, language, written file, and the content of the comments above it."""
 
     line: int
     language: str
@@ -91,7 +91,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def needs_robot(page: Path) -> bool:
-    """Tell whether a block of a page needs ROS and its time."""
+    """Return whether a block of a page needs ROS and its time."""
     return any(block.language in ('bash', 'console') and ROBOT.search(block.text) for block in blocks(page))
 
 
@@ -163,7 +163,7 @@ class Terminal:
         )
 
     def run(self, commands: str) -> str:
-        """Run commands; return what they print."""
+        """Run commands; return their output."""
         self._number += 1
         end = f'--- end of block {self._number}:'
         script = self._folder / 'bin' / f'block_{self._number}.sh'
@@ -186,7 +186,7 @@ class Terminal:
         raise AssertionError(f'the shell ended, or took over {WAIT_S:g} s: {commands}{"".join(printed)}')
 
     def start(self, command: str, words: str) -> subprocess.Popen[str]:
-        """Start a command in a terminal of its own; return when it has printed the words, or after so many seconds."""
+        """Start a command in a new terminal; return after it has printed the words, or after a time in seconds."""
         process = self._start(['bash', '-c', f'exec {command}'])
         if seconds := re.fullmatch(r'(\d+) s', words):
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -209,7 +209,7 @@ class Terminal:
 
 @contextlib.contextmanager
 def killed_after(process: subprocess.Popen[str], seconds: float) -> Iterator[None]:
-    """Kill a process that takes too long, so that whoever reads from it gets to the end."""
+    """Kill a process that takes too long, so that a reader of its output gets to the end."""
     timer = threading.Timer(seconds, os.killpg, (process.pid, signal.SIGKILL))
     timer.start()
     try:
@@ -230,14 +230,14 @@ def end(process: subprocess.Popen[str]) -> None:
 
 
 def commands_and_prints(text: str) -> list[tuple[str, str]]:
-    """Return the commands of a console block and what each of them prints."""
+    """Return the commands of a console block and the output of each of them."""
     parts = re.split(r'^\$ (.*)\n', text, flags=re.M)
     assert not parts[0].strip(), 'a console block begins with a command'
     return list(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def same(expected: str, printed: str) -> bool:
-    """Compare, where ``...`` stands for anything and a number of spaces for one."""
+    """Compare, with ``...`` as a placeholder for any text and several spaces equal to one."""
     checker = doctest.OutputChecker()
     return checker.check_output(expected, printed, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
 
@@ -318,7 +318,7 @@ def runs_here(text: str) -> bool:
 
 
 def commands_in(text: str) -> Iterator[list[str]]:
-    """Give the words of each command of delta3 in lines of a shell, wherever it stands in its line."""
+    """Return the words of each command of delta3 in lines of a shell, at any place in its line."""
     for line in text.replace('\\\n', ' ').splitlines():
         lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
         lexer.whitespace_split = True
@@ -356,7 +356,7 @@ def read_page(page: Path) -> None:
 
 
 def run_dialogue(block: Block, names: dict[str, Any]) -> None:
-    """Run a dialogue with Python; it has to go as it stands."""
+    """Run a dialogue with Python; its output must agree."""
     test = doctest.DocTestParser().get_doctest(block.text, names, 'block', None, block.line)
     report: list[str] = []
     runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)

@@ -49,7 +49,7 @@ def output(name='gripper', value=True, **options):
 
 
 def refusal(function, *arguments, **options):
-    """Return the sentence with which a program is refused."""
+    """Return the message of a rejected program."""
     with pytest.raises(ProgramError) as caught:
         function(*arguments, **options)
     sentence = str(caught.value)

@@ -18,7 +18,7 @@ ME = 'a1b2c3d4'
 
 
 class Client:
-    """A planner, and what a test says to it."""
+    """A planner, and the messages of a test to it."""
 
     def __init__(self, robot: Any) -> None:
         self.robot = robot
@@ -30,7 +30,7 @@ class Client:
         self.say()
 
     def say(self, **facts: Any) -> bool:
-        """Tell a status that is newer than the last."""
+        """Send a status that is newer than the last."""
         self.told = replace(self.told, serial=self.told.serial + 1, **facts)
         return self.planner.receive_status(self.told, self.now_s)
 
@@ -72,7 +72,7 @@ class Client:
         return self.planner.receive_verdict(Verdict('5e55', ME, number, not code, code, sentence), self.now_s)
 
     def run(self) -> Timeline:
-        """Let a program run; returns what the transformation task follows."""
+        """Let a program run; return the plan that the transformation task follows."""
         ordered = self.order()
         self.verdict(ordered.number)
         assert self.answer()[0] is None

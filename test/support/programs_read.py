@@ -13,7 +13,7 @@ def parse(document, robot):
 
 
 def refusal(function, *arguments, **options):
-    """Return the sentence with which a program is refused."""
+    """Return the message of a rejected program."""
     with pytest.raises(ProgramError) as caught:
         function(*arguments, **options)
     return checked(caught.value)

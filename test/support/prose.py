@@ -56,6 +56,7 @@ def main() -> int:
     status = 0
     for kind, texts in (
         ('docstrings', [*docstrings(SOURCE / 'delta3_pacdrive')]),
+        ('tests', [*docstrings(SOURCE / 'test')]),
         ('pages', [*pages(SOURCE)]),
     ):
         for name, rate in rates(texts).items():

@@ -28,7 +28,7 @@ def seek(visit, time_s):
 
 
 def pixels(visit):
-    """Return what is on the screen, shape (height, width, 3), 0 to 255."""
+    """Return the image on the screen, shape (height, width, 3), 0 to 255."""
     picture = matplotlib.image.imread(io.BytesIO(visit.page.screenshot()), format='png')
     return np.rint(255.0 * picture[:, :, :3])
 

@@ -48,7 +48,7 @@ def read_table(table, expected):
 
 
 def read_series(table, summary):
-    """Compare what is computed of the columns of a table of samples with the summary."""
+    """Compare values computed from the columns of a table of samples with the summary."""
     make = series_of(table.name)
     assert make is not None, f'nothing declares the contents of {table.name}'
     columns = {}
@@ -70,7 +70,7 @@ def same(cell, value):
 
 
 def read_line(lines, words, values):
-    """Require a line with these words, whose other numbers begin with the values, as far as their digits go."""
+    """Require a line with these words and with other numbers that agree with the values in all printed digits."""
     found = [line for line in lines if words in line]
     assert found, f'no line with {words!r}'
     if values is not None:

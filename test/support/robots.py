@@ -100,7 +100,7 @@ def processes_of_domain() -> list[str]:
 
 
 def _starters() -> set[str]:
-    """Return this process, its parent, and so on: they may have told it the domain."""
+    """Return this process, its parent, and so on: they may have passed on the domain."""
     found, process = set(), str(os.getpid())
     while process != '0':
         found.add(process)
@@ -110,7 +110,7 @@ def _starters() -> set[str]:
 
 @contextmanager
 def nothing_is_left() -> Iterator[None]:
-    """Fail if what runs inside leaves a process, or a shared-memory file that nobody uses."""
+    """Fail if a process or an unused shared-memory file remains at the end."""
     before = _shared_memory()
     yield
     deadline = time.monotonic() + END_S
@@ -121,7 +121,7 @@ def nothing_is_left() -> Iterator[None]:
 
 
 def _nobodys_memory(before: set[str]) -> set[str]:
-    """Return the shared-memory files since then that no process uses; others come and go beside this test."""
+    """Return the new shared-memory files that no process uses; other tests create and remove some meanwhile."""
     new = _shared_memory() - before
     return (new - _mapped(new)) & _shared_memory()
 
@@ -131,7 +131,7 @@ def _shared_memory() -> set[str]:
 
 
 def _mapped(names: set[str]) -> set[str]:
-    """Return the shared-memory files that a process has mapped or open: other tests run beside this one."""
+    """Return the shared-memory files that a process has mapped or open: other tests run in parallel."""
     found = set()
     for folder in Path('/proc').glob('[0-9]*') if names else ():
         try:
@@ -145,7 +145,7 @@ def _mapped(names: set[str]) -> set[str]:
 
 @pytest.fixture
 def nothing_left_behind() -> Iterator[None]:
-    """Fail if a test leaves a process or a shared-memory file; what it has left disturbs no other test."""
+    """Fail if a test leaves a process or a shared-memory file; remove it for the other tests."""
     try:
         with nothing_is_left():
             yield
@@ -282,7 +282,7 @@ class Graph:
         return node
 
     def adopt(self, node: Node) -> None:
-        """Take a node in that somebody else has made."""
+        """Register a node of another creator."""
         self.nodes.append(node)
         self._executor.add_node(node)
 
@@ -326,7 +326,7 @@ class Graph:
             self._executor.spin_once(timeout_sec=0.01)
 
     def label(self, kind: str, number: int) -> str:
-        """Return the label that an order of the robot's own planner would have now, for a stranger who copies it."""
+        """Return the current label of orders of the robot's own planner, for a foreign publisher that copies it."""
         statuses = self.listen(String, 'motion/status', LATCHED)
         self.spin_until(lambda: statuses and statuses[-1].data, 'the status')
         status = Status.from_json(statuses[-1].data)

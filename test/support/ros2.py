@@ -7,7 +7,8 @@
     ros2 service call SERVICE TYPE
     ros2 param set NODE NAME VALUE
 
-Like the real one it finds packages through AMENT_PREFIX_PATH, publishes when somebody listens, and prints the response.
+Like the real one it finds packages through AMENT_PREFIX_PATH, publishes when a subscriber is present, and prints the
+response.
 """
 
 import importlib
@@ -80,11 +81,11 @@ class Namespace:
 
 
 class Group(list):
-    """What a launch file describes: actions, and groups of them."""
+    """The contents of a launch file: actions, and groups of them."""
 
 
 def processes_of(actions, folder, namespace=''):
-    """Return the command lines that launch_ros makes of actions, whose files of parameters lie in the folder."""
+    """Return the command lines that launch_ros makes of actions, with parameter files in the folder."""
     lines = []
     for action in actions:
         match action:
@@ -102,7 +103,7 @@ def processes_of(actions, folder, namespace=''):
 
 
 def launch(path):
-    """Start what a launch file describes; end it with Ctrl-C."""
+    """Start the contents of a launch file; end it with Ctrl-C."""
     modules = {
         'launch': {'LaunchDescription': Group},
         'launch.actions': {'GroupAction': Group},

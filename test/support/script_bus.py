@@ -32,7 +32,7 @@ BELTS_FIRST, ANSWERS_LATE = 'belts first', 'answers a cycle late'
 
 
 class BusPort:
-    """What the controller does on the bus: commands wait for their answers, as many as may be outstanding."""
+    """The bus port of the controller: commands wait for their answers, up to the limit of outstanding ones."""
 
     def __init__(self, parameters: Any, first_decision: int, around: Any) -> None:
         self.machine = Robot(parameters)
@@ -61,7 +61,7 @@ class BusPort:
         self.most_outstanding = max(self.most_outstanding, len(self.sent))
 
     def drive(self, cycle: int, command: Any) -> float:
-        """Let the cell go on to a bus cycle; return what hangs at the robot from then on [kg]."""
+        """Advance the cell to a bus cycle; return the attached payload from then on [kg]."""
         if self.world is None:
             return command.payload
         self.world.step(cycle, self.machine.plant.tcp().tolist(), self._outputs)
@@ -224,7 +224,7 @@ class ScriptBus:
 
 
 class ServedNode:
-    """What a script's client does on the graph, done in one process: requests and rows reach the same controller.
+    """The client of a script on the graph, in one process: requests and rows reach the same controller.
 
     Attributes
     ----------
@@ -253,7 +253,7 @@ class ServedNode:
         return self.bus.outputs
 
     def stands(self, cycles: int = 8) -> bool:
-        """Return whether the robot was commanded to stand for some bus cycles."""
+        """Return whether the commanded position of the robot is constant for some bus cycles."""
         return bool(np.ptp(np.array(self.bus.commands[-cycles:]), axis=0).max() == 0.0)
 
     def goes_on(self, cycles: int = 400) -> None:

@@ -327,7 +327,7 @@ SERIES = {
 
 
 def series_of(name):
-    """Return what the summary says of a table of samples, or None."""
+    """Return the entry of the summary for a table of samples, or None."""
     return SERIES.get(name) or next(
         (make for begin, make in SERIES.items() if begin.endswith('_') and name.startswith(begin)), None
     )

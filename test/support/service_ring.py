@@ -17,7 +17,7 @@ ACCESSES = st.builds(Access, IDNS, st.sampled_from(Operation), VALUES)
 
 
 class Memory:
-    """A drive that stores whatever is written, and notes every access."""
+    """A drive that stores every written value, and records every access."""
 
     def __init__(self):
         self.values = {}
@@ -43,7 +43,7 @@ class Ring:
         self.cycle = 0
 
     def step(self, mdt='once', at='once', drive_alive=True):
-        """One bus cycle; ``mdt`` and ``at``: what happens to the telegrams that arrive in it."""
+        """Run one bus cycle; ``mdt`` and ``at`` give the faults of its arriving telegrams."""
         word = self.ats.popleft()
         if word is not None:
             for taken in {'once': [word], 'twice': [word, word], 'lost': [None], 'empty': [IDLE]}[at]:

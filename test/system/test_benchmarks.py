@@ -19,7 +19,7 @@ LACK = lack()
 
 @pytest.fixture
 def measured(delta3: Runner) -> Callable[..., dict[str, Any]]:
-    """Return what a benchmark prints as JSON; it has measured something, and complains about nothing."""
+    """Return the JSON output of a benchmark; it has results and no error messages."""
 
     def run(*arguments: str) -> dict[str, Any]:
         done = delta3('bench', *arguments, '--json', timeout=DEADLINE_S)

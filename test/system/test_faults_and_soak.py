@@ -196,7 +196,7 @@ def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
 def test_running_robot_continues_after_disturbances(
     start_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:
-    """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
+    """The life of a robot: the process of a drive dies in motion and is restarted, and the program is resumed."""
     process = start_delta3('up', '--no-realtime', '--real-time-factor', '0.25')
     assert process.stderr is not None
     read_until(process.stderr, 'ready after')

@@ -224,7 +224,7 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
 def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    """Torques travel beside the set points, payloads change them, and a notch filter delays them."""
+    """Set points have additional torques, payloads change them, and a notch filter delays them."""
     program, model = tmp_path / 'mixed.yaml', tmp_path / 'model.yaml'
     program.write_text(MIXED)
     robot = parameters.load().replace(

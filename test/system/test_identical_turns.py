@@ -54,7 +54,7 @@ def _run_turning(
 def _turning_alike(
     source: str, program: Path, delta3: Runner, bag: Path, options: list[str]
 ) -> tuple[Trace, Trace, dict]:
-    """Return both runs and the results of the graph, whose signals and figures are those of the simulation."""
+    """Return both runs and the results of the graph; its signals and figures equal those of the simulation."""
     simulated, recorded, done = _run_turning(source, program, delta3, bag, options)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)

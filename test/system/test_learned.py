@@ -28,7 +28,7 @@ FOLLOWED = 'learned torques are followed'
 
 @pytest.fixture(scope='module')
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a program file, beside which is what was learned for it."""
+    """Give a program file with its learned torques in the same folder."""
     path = tmp_path_factory.mktemp('learned') / 'program.yaml'
     path.write_text(json.dumps(PROGRAM))
     robot = parameters.load('model')
@@ -58,7 +58,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     up: None, program: Path, delta3: Runner, start_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:
     def said(*arguments: str) -> str:
-        """Return what is said of learned torques after a motion."""
+        """Return the messages about learned torques after a motion."""
         done = delta3('move', *arguments)
         assert done.returncode == 0, done.stderr
         *_, sentence, end = done.stdout.splitlines()

@@ -81,7 +81,7 @@ def lack() -> str:
 
 @contextmanager
 def namespace(name: str) -> Iterator[list[str]]:
-    """Give the words that run a command in a network of its own, which has the loopback only."""
+    """Give the words that run a command in a separate network with the loopback only."""
     name = f'delta3_{os.getpid()}_{name}'
     subprocess.run([two_hosts.IP, 'netns', 'add', name], check=True, capture_output=True, text=True)
     inside = [two_hosts.IP, 'netns', 'exec', name]
@@ -128,7 +128,7 @@ def ports_of(process: psutil.Process) -> tuple[list[int], list[int]]:
 
 
 class Robot:
-    """A robot of ``delta3 up`` in a network of its own, and an operator."""
+    """A robot of ``delta3 up`` in a separate network, and an operator."""
 
     def __init__(self, inside: list[str]) -> None:
         self._inside = inside
@@ -148,7 +148,7 @@ class Robot:
         )
 
     def lose(self, directions: list[tuple[str, str]]) -> list[int]:
-        """Lose what processes send to others for a while; return how many packets that were."""
+        """Drop the packets from processes to others for a while; return their number."""
         own = {}
         for child in psutil.Process(self.up.pid).children():
             own[Path(f'/proc/{child.pid}/comm').read_text().strip()] = ports_of(child)
@@ -167,7 +167,7 @@ class Robot:
         return dict(json.loads(line))
 
     def errors(self) -> str:
-        """Return what ``delta3 up`` has reported, when it has ended."""
+        """Return the reports of ``delta3 up`` after its end."""
         self.up.send_signal(signal.SIGINT)
         return self.up.communicate(timeout=60.0)[1]
 

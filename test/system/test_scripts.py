@@ -210,7 +210,7 @@ print('over', robot.late, flush=True)
 
 
 class Up:
-    """A robot in real time, and an operator who looks at it."""
+    """A robot in real time, and a connected operator."""
 
     def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
         self._graph = graph

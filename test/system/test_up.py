@@ -30,7 +30,7 @@ THERE_M = 1e-3  # from where it is home, before a test
 
 
 class Up:
-    """A robot that is up for the tests of this file, and who takes it home between them."""
+    """A running robot for the tests of this file, and an operator that takes it home between them."""
 
     def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
         self._graph = graph
@@ -41,7 +41,7 @@ class Up:
         self.controller = self.process.stderr.readline()
 
     def tidy(self) -> None:
-        """Leave the robot at home, idle, with an empty queue and the usual override, and nobody in control."""
+        """Leave the robot at home, idle, with an empty queue, the usual override, and free control."""
         operator = self._operator
         now = time.monotonic()
         self._graph.spin_until(lambda: operator.progress_s > now, 'the robot')
@@ -84,7 +84,7 @@ def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) ->
 
 @pytest.fixture
 def robot(up: Up) -> subprocess.Popen[str]:
-    """Give the process of a robot that stands at home."""
+    """Give the process of a robot at rest at home."""
     up.tidy()
     return up.process
 

@@ -476,7 +476,7 @@ def test_the_record_of_a_fourth_axis_is_its_own():
 
 
 class Operated(AutomatedOperator):
-    """An operator of a robot that is only told of."""
+    """An operator of a simulated robot."""
 
     progress = MotionProgress(in_torque=True)
 
@@ -501,7 +501,7 @@ def test_robot_is_at_rest_when_nothing_moves(state, fault, in_torque, stands):
 
 
 def told_to_start(*answers):
-    """Return an operator of an idle robot whose planner answers starts so, and what it was asked for."""
+    """Return an operator of an idle robot with these replies of the planner, and its requests."""
     one, asked, left = Operated('idle', '', True), [], list(answers)
 
     def call(name):

@@ -15,7 +15,7 @@ from delta3_pacdrive.verification.soak.runner import Violation
 
 
 def lines(capsys):
-    """Return what was printed, blanks made single."""
+    """Return the printed lines with single blanks."""
     return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
 
 

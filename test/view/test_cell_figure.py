@@ -16,7 +16,7 @@ TINY_M = 1e-3
 
 
 class Node:
-    """A node of a scene counts what it is told."""
+    """A node of a scene that counts its changes."""
 
     def __init__(self, **given):
         self.__dict__.update(given, told=0)
@@ -29,7 +29,7 @@ class Node:
 
 
 class Scene:
-    """A scene keeps what is put into it, by path."""
+    """A scene that stores its contents by path."""
 
     def __init__(self):
         self.nodes = {}
@@ -54,7 +54,7 @@ def part(number, at_m=(0.1, 0.0, -0.9), size_m=(0.06, 0.04, 0.02), angle_rad=0.5
 
 
 def boxes(scene):
-    """Return middle, size and angle of the boxes that stand for parts."""
+    """Return middle, size and angle of the boxes that represent parts."""
     (batch,) = scene.of('batched_meshes_simple')
     there = batch.batched_scales.min(axis=1) > TINY_M
     angles = 2.0 * np.arctan2(batch.batched_wxyzs[:, 3], batch.batched_wxyzs[:, 0])
@@ -90,7 +90,7 @@ def test_cell_at_rest_sends_nothing_and_moving_parts_little():
 
 
 def test_new_boxes_have_their_parts_in_front_and_nothing_behind():
-    """A browser that is busy loses the colours of a message that follows right behind the boxes."""
+    """A busy browser loses the colours of a message that follows the boxes immediately."""
     scene = Scene()
     figure = CellFigure(scene, [])
     for count in (3, 17):

@@ -23,13 +23,13 @@ from gui_stand_in import Gui
 
 @pytest.fixture
 def panel():
-    """Return controls of a robot without a rotary axis, what stands on them, and what was asked for."""
+    """Return controls of a robot without a rotary axis, their labels, and the requests."""
     gui, commands = Gui(), []
     return SimpleNamespace(controls=Controls(gui, commands.append, DRIVES), gui=gui, commands=commands)
 
 
 class File(NamedTuple):
-    """A file that somebody has chosen."""
+    """A file selected by a user."""
 
     name: str
     content: bytes
@@ -226,7 +226,7 @@ def test_a_recording_is_ended_by_its_button_and_everything_of_the_oscilloscope_i
 
 @pytest.fixture
 def player():
-    """Return a player of a hundred cycles, half a cycle behind the tenth, and its gui."""
+    """Return a player of a hundred cycles, half a cycle after the tenth, and its gui."""
     page = MagicMock()
     page.server.gui = Gui()
     times = 0.002 * np.arange(100.0)

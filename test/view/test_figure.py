@@ -16,7 +16,7 @@ PLACES = ((0.0, 0.0, -0.75), (0.3, -0.2, -0.9), (-0.25, 0.35, -0.8))
 
 
 class Scene:
-    """A scene keeps what is put into it, by path."""
+    """A scene that stores its contents by path."""
 
     def __init__(self):
         self.nodes = {}

@@ -27,7 +27,7 @@ BEAT_S = 1.0 / HEARTBEAT_HZ
 
 
 def hold(jog, direction, start_s, seconds):
-    """Hold a button for a time; return what every look said, and the time of the last beat."""
+    """Hold a button for a time; return the result of every check, and the time of the last beat."""
     turns, now = [], start_s
     while now < start_s + seconds:
         jog.heartbeat(direction, now)
@@ -199,7 +199,7 @@ def test_every_event_leads_to_the_state_of_the_table(state, event):
 
 
 class Robot:
-    """A robot that carries out what a view asks of it some time later, and may lose answers."""
+    """A robot that carries out requests of a view after a delay, and may lose replies."""
 
     def __init__(self):
         self.moves = False

@@ -80,7 +80,7 @@ def test_the_box_for_a_dark_page_makes_it_dark(shown, monkeypatch):
 
 @pytest.fixture
 def drawn(shown, robot, monkeypatch):
-    """Return the function that shows 40 s of a robot, and returns what its plots and its ghost are asked for."""
+    """Return the function that shows 40 s of a robot, and returns the requests to its plots and its ghost."""
     page, choices, _ = shown
     plots, ghosts = [], []
     monkeypatch.setattr(pages.Page, 'watched', True)

@@ -62,7 +62,7 @@ def visit(page, browser):
 
 
 def seen_at(page, visit, point_m):
-    """Return where a point is in the picture of a browser in which nobody has turned the view [pixels].
+    """Return the position of a point in the picture of a browser with an unchanged view [pixels].
 
     What a busy browser tells of its camera may be late.
     """

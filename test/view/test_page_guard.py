@@ -36,7 +36,7 @@ CAMERA = {
 
 
 class Site:
-    """A server with one control of each kind, and a note of what reaches them."""
+    """A server with one control of each kind, and a record of the received messages."""
 
     def __init__(self):
         self.reached, self.refused = [], []
@@ -72,7 +72,7 @@ class Site:
 
 
 class Browser:
-    """A client that sends whatever it likes."""
+    """A client that sends arbitrary messages."""
 
     def __init__(self, site, **options):
         self.site = site

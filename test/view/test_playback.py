@@ -230,7 +230,7 @@ def test_inputs_of_a_recording_are_read_and_a_recording_without_a_cell_has_none(
 
 
 class Slider:
-    """A slider as viser has it: what is set from here is sent to the page, unless it has that value already."""
+    """A slider like that of viser: changes of its value by the program are sent to the page."""
 
     def __init__(self, value):
         self._value, self.sent, self.asked = value, [], None
@@ -249,7 +249,7 @@ class Slider:
         self.asked = asked
 
     def slide(self, value):
-        """Let somebody at the page put it somewhere."""
+        """Move the slider as a user of the page."""
         self._value = value
         self.sent.clear()
         self.asked(SimpleNamespace(client='somebody'))

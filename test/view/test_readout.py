@@ -100,7 +100,7 @@ def test_released_brake_is_green_and_applied_brake_is_grey():
 
 
 class Labels:
-    """A page without a browser: what is added to it keeps its content."""
+    """A page without a browser that stores the content of its elements."""
 
     def __init__(self):
         self.contents = []
@@ -166,7 +166,7 @@ def test_page_without_a_robot_reports_it_and_shows_a_fault_as_alert():
 
 
 def words(shown):
-    """Return what people read."""
+    """Return the displayed text."""
     return ' '.join(re.sub('<[^>]*>|&[a-z]+;', ' ', shown).split())
 
 

@@ -19,7 +19,7 @@ WAIT_S = 60.0
 
 @pytest.fixture
 def page(monkeypatch):
-    """Give a page whose loop complains of whoever wakes it from another thread."""
+    """Give a page whose loop reports calls from other threads."""
     monkeypatch.setenv('PYTHONASYNCIODEBUG', '1')
     monkeypatch.setattr(serving, 'PORT', 18742)  # away from those of other tests
     with serving.held(serving.HOST, None) as place:

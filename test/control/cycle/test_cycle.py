@@ -16,7 +16,7 @@ FAULT, FAULT_ON_PATH = int(Status.ERROR), int(Status.ERROR) | FOLLOWS
 
 
 class Controller:
-    """A controller that stands at home and gets the answers of a test."""
+    """A controller at rest at home, with the replies of a test."""
 
     def __init__(self, robot):
         self.task, self.axes = Transformation(robot), AxisMonitor(robot)

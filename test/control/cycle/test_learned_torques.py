@@ -26,7 +26,7 @@ def planned(robot, moves=MOVES):
 
 
 class Standing:
-    """The motors of a robot that stands at home, on the grid of increments."""
+    """The motors of a robot at rest at home, on the grid of increments."""
 
     def __init__(self, robot):
         from delta3_pacdrive import kinematics
@@ -57,7 +57,7 @@ def torques_of(task, end):
 
 
 def both(robot, end, act=lambda task: None, at=START + 60, **other):
-    """Return what tasks with and without learned torques command, to which something happens before a cycle."""
+    """Return the commands of tasks with and without learned torques, with an event before a cycle."""
     rows = []
     for torques in (LEARNED_N_M, None):
         task = task_with(robot, torques, **other)
@@ -136,7 +136,7 @@ def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act,
 
 
 def test_log_reports_if_learned_torques_are_used_and_none_are_after_a_fault(rig, model):
-    """A robot that is up drives what it is asked for; only the program that they belong to goes with them."""
+    """A running robot moves as requested; learned torques accompany only their own program."""
     here = type(rig)(model).task.state['tcp'][0]
     plan = program_planner.plan(programs.parse({'moves': MOVES}, model.motion), here, model).plan
     robot = type(rig)(model, learned=Learned(np.full((500, 3), 0.1), Origin.of('', plan, model)))

@@ -137,7 +137,7 @@ def test_parts_of_an_order_that_was_never_finished_do_not_get_into_the_next(
 
 
 def turning_row(robot, degrees: float) -> Any:
-    """Return the row of a move whose tool turns by an angle."""
+    """Return the row of a move with a tool rotation by an angle."""
     machine = robot.replace(rotary__present=True)
     document = {'moves': [{'move_l': {'to_m': MOVES[0], 'turn_deg': degrees}}]}
     program = program_file.parse(document, robot.motion)

@@ -58,7 +58,7 @@ def comes_near(path: PlannedPath, *places: Any) -> bool:
 
 
 class Stream:
-    """A robot that drives, and is given more moves behind those that it drives."""
+    """A moving robot that receives further moves."""
 
     def __init__(self, robot: Any, *statements: Any) -> None:
         self.robot = robot

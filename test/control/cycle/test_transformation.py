@@ -30,7 +30,7 @@ START, END = (0.0, 0.0, -0.75), (0.3, 0.1, -0.85)
 
 
 def ready_task(robot, end=END, **limits):
-    """Return a task that stands at ``START`` on the grid, with one line to ``end`` loaded, and its plan."""
+    """Return a task at rest at ``START`` on the grid, with one line to ``end`` loaded, and its plan."""
     task = Transformation(robot)
     theta = kinematics.inverse(START, robot.kinematics)
     motors = np.round(theta * GEAR / INCREMENT_RAD) * INCREMENT_RAD
@@ -292,7 +292,7 @@ def test_a_start_in_a_cycle_that_is_over_is_rejected(robot):
 
 
 def loaded(robot, moves, **fields):
-    """Return a task that stands at ``START`` with a program loaded, and its plan."""
+    """Return a task at rest at ``START`` with a program loaded, and its plan."""
     task = Transformation(robot)
     tcp = task.locate(kinematics.inverse(START, robot.kinematics) * GEAR)
     plan = program_planner.plan(programs.parse({'moves': moves, **fields}, robot.motion), tcp, robot).plan

@@ -16,7 +16,7 @@ def control() -> Control:
 
 
 def look_until(control: Control, start_s: float, end_s: float) -> list[str]:
-    """Look every period; returns who has lost control."""
+    """Check every period; return the client that lost control."""
     steps = round((end_s - start_s) / PERIOD_S)
     lost = [control.poll(start_s + step * PERIOD_S) for step in range(1, steps + 1)]
     return [operator.name for operator in lost if operator]

@@ -36,7 +36,7 @@ def send(
 
 
 def verdicts(rig: Any) -> list[tuple[int, bool, str]]:
-    """Check what waits; return what became of it."""
+    """Check the waiting orders; return their results."""
     while rig.orders.waiting:
         rig.orders.check_row()
     told, rig.orders.verdicts = rig.orders.verdicts, []

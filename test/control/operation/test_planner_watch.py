@@ -23,7 +23,7 @@ def watch(identity: Identity) -> PlannerWatch:
 
 
 def look_until(watch: PlannerWatch, start_s: float, end_s: float, running: str) -> list[tuple[float, str]]:
-    """Look every period; returns when something was said, and what."""
+    """Check every period; return time and text of the message."""
     said = []
     for step in range(1, round((end_s - start_s) / PERIOD_S) + 1):
         now = start_s + step * PERIOD_S

@@ -33,7 +33,7 @@ OUTSTANDING = ROBOT.bus.outstanding_cycles_max
 
 
 class Cell:
-    """A controller without a clock, and drives that do as they are told as soon as a test lets them."""
+    """A controller without a clock, and ideal drives that a test advances."""
 
     def __init__(
         self, *faults: dict[str, Any], inputs: tuple[str, ...] = (), clock: SharedClock | None = None
@@ -119,7 +119,7 @@ class Cell:
         return self
 
     def answer(self, index: int, skip: int = 0) -> None:
-        """Let a drive answer its next cycle, or one behind it: then those between are lost."""
+        """Let a drive send the AT of its next cycle or of a later one; the cycles between are lost."""
         cycle = self.ahead[index] + skip
         if cycle not in self.sent or not self.robot.cycles.running:
             return

@@ -14,7 +14,7 @@ FAULT = RobotFault(FaultCode.DRIVE, 'something is broken', 'axis2', cycle=7)
 
 
 def let_it_happen(rig: Any, event: Event) -> Any:
-    """Let an event happen as it does; returns what a request is answered with."""
+    """Trigger an event; return the reply if it is a request."""
     match event:
         case Event.START:
             return rig.ask('program', LINE)[0] and rig.ask('start')[0]

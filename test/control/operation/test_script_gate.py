@@ -97,7 +97,7 @@ def test_a_hold_of_a_script_that_has_ended_is_forgotten(gate):
 
 
 def follow(called):
-    """Moves behind one another: rounded, from rest, an output alone, and a rest in which the program ends."""
+    """A sequence of moves: rounded, from rest, an output alone, and a rest in which the program ends."""
     called.move_l(to_mm=[100, 0, -800], blend_mm=20)
     called.wait_time(0.02)
     called.move_l(to_mm=[0, 100, -800])

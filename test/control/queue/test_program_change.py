@@ -23,7 +23,7 @@ LATE = Reason(Code.LATE, 'bus cycle 7 is over')
 
 
 class Source:
-    """A source of changes that sends them at once and records how they end."""
+    """A source of changes that sends them immediately and records their results."""
 
     def __init__(self) -> None:
         self.change = ProgramChange(ProgramRun(1e-3), lambda: 0)

@@ -12,7 +12,7 @@ GONE = Reason(Code.STATE, 'it is over')
 
 
 class Told:
-    """A tracker, and what it has told since the last look."""
+    """A tracker, and its reports since the last check."""
 
     def __init__(self) -> None:
         self.reports: list[RequestReport] = []

@@ -128,7 +128,7 @@ def test_without_a_goal_time_nothing_is_watched_for_ever(robot, timeline):
 
 
 def driven(robot):
-    """Return a client whose planner watches tolerances and drives a trajectory, and that in bus time."""
+    """Return a client whose planner monitors tolerances and executes a trajectory, in bus time."""
     client = Client(robot)
     client.planner = Planner(robot, client.told.planner, None, lambda: client.cycle, TIGHT)
     client.say()
@@ -228,7 +228,7 @@ def test_invalid_tolerances_are_rejected(changed, reason):
 
 
 class Robot:
-    """A planner whose trajectory has tolerances of its own, driven to its end."""
+    """A planner whose trajectory has own tolerances and is executed to its end."""
 
     def __init__(self, robot, tolerances):
         self.client = client = Client(robot)

@@ -12,7 +12,7 @@ PICK, PLACE = (-0.15, 0.0, -0.85), (0.15, 0.0, -0.85)
 
 
 def spinning(speed, current, duration_s):
-    """One motor that turns evenly, the others stand without current."""
+    """One motor rotates evenly, the others rest without current."""
     times = np.linspace(0.0, duration_s, 11)
     none, three = np.zeros(11), np.zeros((11, 3))
     speeds, currents = three.copy(), three.copy()

@@ -71,7 +71,7 @@ def distance_to(curve, p):
 
 
 def refusal(function, *arguments):
-    """Return the one sentence with which a curve is refused."""
+    """Return the message of a rejected curve."""
     with pytest.raises(ProgramError) as caught:
         function(*arguments)
     sentence = str(caught.value)
@@ -381,7 +381,7 @@ def test_a_spline_that_turns_back_is_rejected_with_the_place():
 
 
 def test_a_cusp_between_the_points_is_rejected_with_a_place():
-    """The curve x = t^2, y = t^3 is a cubic spline that stands still at t = 0, whatever its knots are."""
+    """The curve x = t^2, y = t^3 is a cubic spline with zero velocity at t = 0, for any knots."""
 
     cusp = (
         lambda t: np.stack([t**2, t**3, 0.0 * t], axis=1),
@@ -408,7 +408,7 @@ def corner(turn, before=0.3, after=0.3):
 
 
 def direction_and_bend(sample):
-    """Unit tangent and curvature vector, whatever |dp/ds| is."""
+    """Unit tangent and curvature vector, for any |dp/ds|."""
     _, first, second, _ = sample
     tangent = first / np.linalg.norm(first)
     return tangent, (second - (second @ tangent) * tangent) / (first @ first)

@@ -24,7 +24,7 @@ WAY_MAX_M, SPEED_MAX_M_S = 10.0, 10.0
 
 
 class Draw:
-    """Random numbers of n cases at once."""
+    """Random numbers of n cases together."""
 
     def __init__(self, count, seed):
         self.count, self.random = count, np.random.default_rng(seed)

@@ -302,7 +302,7 @@ def rms(robot, planned, step=0.5e-3):
 
 @pytest.mark.parametrize('rest_s', [None, 0.1, 0.4])
 def test_moves_that_would_overheat_a_motor_are_all_slowed_down_to_its_nominal_current(rest_s, robot):
-    """A program whose moves take longer dwells as long as before."""
+    """A program with longer moves keeps its dwell times."""
     pause = [dwell(rest_s)] if rest_s else []
     planned = plan(robot, [to(0.3, 0, -0.8, **BUSY), to(-0.3, 0, -0.8, **BUSY), *pause], repeat=5)
     found = rms(robot, planned)

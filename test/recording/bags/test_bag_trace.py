@@ -36,7 +36,7 @@ from thoroughness import examples
 
 
 def greetings(topics=TYPES):
-    """Return what participants publish before cyclic operation."""
+    """Return the messages of participants before cyclic operation."""
     return [(t, message(t, (ACYCLIC_SEC, 0), numbers(t, 7))) for t in topics]
 
 
@@ -233,7 +233,7 @@ def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
 
 
 def torque_messages(cycles):
-    """Return the messages of a robot whose master commands torques beside the shafts, and these torques."""
+    """Return the messages of a robot whose master commands additional torques, and these torques."""
     torques = np.random.default_rng(99).normal(size=(CYCLES, 3))
     codec = TelegramCodec(telegrams.TORQUE_MDT, lambda _: None)
     frame = FRAMES['sercos/mdt'].encode()

@@ -78,7 +78,7 @@ def test_bag_records_the_offered_qos_of_its_topics(tmp_path):
 
 
 def recovered(file):
-    """Return how many messages are left of a file, and what else is known of it."""
+    """Return the number of messages left in a file, and the further known properties."""
     found = recover(file)
     return sum(channel.msgcount for channel in found.channels.values()), found.ended, found.lost_bytes
 
@@ -153,7 +153,7 @@ class Disk:
 
 @pytest.fixture
 def disk(monkeypatch):
-    """Return a disk whose room can be set."""
+    """Return a disk of adjustable size."""
     own = Disk(1 << 40)
 
     class Patched:

@@ -23,7 +23,7 @@ SHAFT = (0.0, 0.0, 0.0)
 
 
 class Rig:
-    """A drive whose shaft stands wherever it likes: the test gives every telegram."""
+    """A drive with a free shaft angle: the test gives every telegram."""
 
     def __init__(self) -> None:
         self.drive = MC4(ROBOT, 0)
@@ -48,7 +48,7 @@ class Rig:
         self.clock.leave()
 
     def shafts(self, cycle: int) -> None:
-        """Let the plant tell where the shaft is at every exchange of a cycle."""
+        """Let the plant send the shaft angle at every exchange of a cycle."""
         for exchange in range(cycle * PER_CYCLE, (cycle + 1) * PER_CYCLE):
             self.clock.take_shaft(exchange, SHAFT)
 

@@ -297,7 +297,7 @@ def test_a_load_beyond_the_torque_of_motor_and_brake_trips_the_drive_and_turns_i
 
 
 def test_a_lost_payload_is_missing_in_weight_and_acceleration(robot):
-    """The arms accelerate downwards with 62 rad/s2; what a payload of 2 kg needs for that is not asked for."""
+    """The arms accelerate downwards with 62 rad/s2 and do not need the force for a payload of 2 kg."""
     rate = 2000.0
     loaded, empty = (
         # a shaft that has moved creeps back, and its friction hides a tenth of the weight

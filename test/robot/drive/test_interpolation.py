@@ -19,7 +19,7 @@ def wave(cycle_s, amplitude=0.5, hertz=3.0):
 
 
 def follow(robot, command, cycles, lost=()):
-    """Let a drive whose shaft does not turn follow commands; return set points and their speeds in steps of T_pos."""
+    """Let a drive with a fixed shaft follow commands; return set points and their speeds in steps of T_pos."""
     drive = MC4(robot.replace(bus__exchange_period_s=250e-6, drive__position_gain_rad_s_rad=0.0))
     steps = round(robot.bus.cycle_time_s / 250e-6)
     reference, speed, current = [], [], []

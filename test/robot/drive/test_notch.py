@@ -29,7 +29,7 @@ def _filter(values, states, constants, behind):
 
 
 def filtered(values, robot, states=None):
-    """Return what leaves the filters of a drive that asks for these currents."""
+    """Return the filtered references of a drive for these currents."""
     behind = np.empty(len(values))
     _filter(values, np.zeros(1, STATE) if states is None else states, drive_constants(robot), behind)
     return behind

@@ -222,7 +222,7 @@ def strange(robot):
 
 @pytest.fixture
 def register(strange):
-    """Return the register of a drive whose record holds a value of its own in every field."""
+    """Return the register of a drive whose record has a different value in every field."""
     record = np.zeros(1, STATE)
     for number, name in enumerate(STATE.names):
         record[name] = 1000 + number

@@ -42,7 +42,7 @@ WRITABLE = [row for row in TABLE.values() if row.writable_in]
 
 
 class Drive:
-    """A register with the state record it reads, and what it did."""
+    """A register with its state record, and the executed commands."""
 
     def __init__(self, robot, reset=True):
         self.state = np.zeros(1, STATE)
@@ -66,7 +66,7 @@ def drive(robot):
 
 @pytest.fixture
 def filtering(robot):
-    """Return a drive with notch filters, whose loops are so fast that they can have every frequency of the table."""
+    """Return a drive with notch filters and loops that are fast enough for every frequency of the table."""
     notches = {f'drive__notch_{number}_frequency_hz': 200.0 for number in (1, 2)}
     return Drive(robot.replace(drive__velocity_period_s=robot.drive.current_period_s, **notches))
 

@@ -86,7 +86,7 @@ def test_lost_and_non_numeric_mdt_leave_the_drive_in_place(model):
 
 
 def test_an_arm_neither_sags_nor_jumps_when_the_drive_is_enabled(model):
-    """The load is in the integrator at first, whatever the master commands beside it."""
+    """The load is in the integrator at first, independent of the additional command of the master."""
     for torque in (0.0, 0.7, 1.1):
         drive = MC4(model)
         found = [cycle(drive, torque, load=0.7) for _ in range(ENABLED_CYCLES)]

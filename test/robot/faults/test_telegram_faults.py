@@ -7,7 +7,7 @@ from delta3_pacdrive.robot.faults.telegram_faults import FaultyLink
 
 
 def arrivals(*faults, axis='axis2', cycles=10):
-    """Return what arrives of the AT 'at 0', 'at 1' ... of an axis under faults, and what is said of it."""
+    """Return the arrivals of the AT 'at 0', 'at 1' ... of an axis under faults, and their messages."""
     schedule, said = Schedule(), []
     for fault in faults:
         schedule.add(Scheduled.of(parse(fault, 'fault'), 0, 1e-3))

@@ -79,7 +79,7 @@ class Rig:
 
 
 class Deaf:
-    """What stands around the robot, and never hears of any outputs."""
+    """Surroundings of the robot that never receive any outputs."""
 
     def begin(self, cycle: int) -> None:
         self.first = cycle

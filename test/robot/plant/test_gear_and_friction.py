@@ -129,7 +129,7 @@ def test_gears_too_stiff_for_the_step_get_shorter_ones(stiffness, robot):
 def test_the_coupling_torque_is_what_a_motor_feels_beyond_linear_inertia_and_modelled_friction(
     effects, robot
 ):
-    """K_m I - F_s tanh(w/w_s) - F_v w = (A_bar / k_r^2) w' + d (4.29), whatever the real friction does."""
+    """K_m I - F_s tanh(w/w_s) - F_v w = (A_bar / k_r^2) w' + d (4.29), independent of the real friction."""
     plant_robot = with_only(robot, *effects)
     plant, currents = released_plant(plant_robot), np.array([2.0, -1.0, 0.5])
     drive(plant, 50, currents)

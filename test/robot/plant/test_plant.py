@@ -37,7 +37,7 @@ def drive(plant, milliseconds, currents=(0.0, 0.0, 0.0), brakes=RELEASED):
 
 
 def released_plant(robot, **changes):
-    """Return a plant at rest at home whose brakes have just opened."""
+    """Return a plant at rest at home immediately after its brakes have opened."""
     plant = Plant(robot.replace(**changes))
     plant.state['brake_released'] = 1
     plant.state['brake_locked'] = 0

@@ -20,7 +20,7 @@ REST_EXCHANGES = round(REST_S / ROBOT.bus.exchange_period_s)
 
 
 class Rig:
-    """A machine whose currents the test gives."""
+    """A machine with prescribed currents."""
 
     def __init__(self, around: Around | None = None, schedule: Schedule | None = None) -> None:
         self.published: list[int] = []
@@ -41,7 +41,7 @@ class Rig:
 
 
 class Surroundings:
-    """What stands around the robot: outputs are known as the test says."""
+    """Surroundings of the robot with prescribed outputs."""
 
     def __init__(self) -> None:
         self.known = -1

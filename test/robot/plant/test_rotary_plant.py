@@ -19,7 +19,7 @@ def with_axis(robot, **values):
 
 
 def with_bar_that_gives(robot, **values):
-    """Return a robot whose bar gives, with nothing else of a built robot."""
+    """Return a robot with an elastic bar and otherwise nominal parameters."""
     effects = dict.fromkeys(('forearm_rods', 'friction', 'ripple', 'sensors', 'geometry'), False)
     rich = {'enabled': True, **effects}
     bus = {'bus__exchange_period_s': 125e-6}
@@ -27,7 +27,7 @@ def with_bar_that_gives(robot, **values):
 
 
 def released(robot, speed_rad_s=0.0, payload_kg=0.0):
-    """Return an axis whose brake has opened, with a speed of the motor shaft, and its tool with it."""
+    """Return an axis with open brake, and motor shaft and tool at a common speed."""
     axis = RotaryPlant(robot, 0)
     steps = math.ceil(robot.motor.brake_release_s / robot.drive.current_period_s) + 1
     axis.advance(np.zeros((steps, 4)), True, payload_kg)

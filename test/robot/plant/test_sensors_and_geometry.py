@@ -50,7 +50,7 @@ def test_the_generator_is_uniform(robot):
 
 
 def test_a_loop_holds_the_current_that_its_sensor_shows(robot):
-    """The motor has to carry the same load whatever is shown: gain and offset appear in the AT's current."""
+    """The motor has to carry the same load for any sensor error: gain and offset appear in the AT's current."""
     quiet = {
         'rich__current_noise_a': 0.0,
         'rich__encoder_noise_rad': 0.0,

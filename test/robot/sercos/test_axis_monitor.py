@@ -126,7 +126,7 @@ def task(robot):
 
 
 def commands(task, first, last):
-    """Return commanded TCP and control words of cycles, without what they say of the figures of the currents."""
+    """Return commanded TCP and control words of cycles, without the bits about current figures."""
     places, controls = [], []
     for cycle in range(first, last):
         task.command(cycle)

@@ -26,7 +26,7 @@ FELL = 'the phase fell to CP0'
 
 
 def slave_in(state: State) -> BusSlave:
-    """Return a slave that has come to a state by what is announced."""
+    """Return a slave in a state that its announcements led to."""
     slave = BusSlave()
     if state is not State.OUT:
         slave.announced(Phase.CP1, OURS, 0, moves=False, alone=True)

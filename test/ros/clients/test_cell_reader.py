@@ -42,7 +42,7 @@ def values(time_s: int, **told: float) -> JointState:
 
 
 class Plant(Node):
-    """Tells of a cell, and answers who asks for its inputs."""
+    """Publishes a cell, and replies to requests for its inputs."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant', **options)

@@ -25,18 +25,18 @@ RELEASED_S = 0.4  # after which a button that was let go has stopped the robot, 
 
 
 class Cell:
-    """A robot, its operator, a page and the process that spins: a clock runs, and what was planned for a time happens.
+    """A robot, its operator, a page and the spinning process: a clock runs, and planned events happen.
 
     Attributes
     ----------
     asked
-        What the robot was asked for, and when.
+        Requests to the robot, with their times.
     takes_s
-        How long the robot takes to answer; ``inf``: nobody answers.
+        Time until the reply of the robot; ``inf``: no reply.
     brakes_s
-        How long it takes to come to rest.
+        Time until it is at rest.
     refuses
-        What it refuses.
+        Requests that it rejects.
 
     """
 

@@ -17,7 +17,7 @@ from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 
 
 class Watching:
-    """A page with an oscilloscope, and a robot whose drives it asks."""
+    """A page with an oscilloscope, and a robot with the requested drives."""
 
     def __init__(self, graph: Any) -> None:
         self.watched, self.scope = True, self

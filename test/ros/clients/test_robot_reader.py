@@ -34,7 +34,7 @@ ON_ITS_WAY_M = 0.02
 
 
 def send(graph: Any, place: tuple[float, float, float]) -> None:
-    """Let the robot drive to a place, behind what it drives."""
+    """Append a move of the robot to a point."""
     line = f'move_l: {{to_m: {list(place)}, speed_m_s: 0.02}}'
     answer = graph.call(AddDiagnostics, 'unit_robot/move', AddDiagnostics.Request(load_namespace=line))
     assert answer.success, answer.message
@@ -47,7 +47,7 @@ def come_near(points: Any, *places: Any) -> bool:
 
 @pytest.fixture
 def operator(graph: Any) -> OperatorNode:
-    """Let a robot drive, and return who lets it."""
+    """Let a robot drive, and return its operator."""
     task = graph.robot(**ON_REQUEST)
     graph.add(UnitRobotNode, **ON_REQUEST)
     operator = graph.add(OperatorNode, graph.spin_for)

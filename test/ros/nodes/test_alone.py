@@ -36,7 +36,7 @@ def cycle_of(message: Any) -> int:
 
 
 class Bus:
-    """One node, and what the others of its bus would publish."""
+    """One node, and the messages of the other participants of its bus."""
 
     def __init__(self, graph: Any, topics: tuple[str, ...]) -> None:
         self.graph = graph
@@ -54,7 +54,7 @@ class Bus:
 
 
 class Drive(Bus):
-    """The drive of axis 2, whose shaft stands."""
+    """The drive of axis 2 with a resting shaft."""
 
     def __init__(self, graph: Any) -> None:
         self.answers = graph.listen(JointState, 'sercos/at/axis2', CYCLIC_PUBLISHER)
@@ -169,7 +169,7 @@ def test_diagnostics_of_a_warning_drive_have_its_warning(graph: Any) -> None:
 
 
 class Machine(Bus):
-    """The plant, whose drives have no current."""
+    """The plant with drives without current."""
 
     def __init__(self, graph: Any) -> None:
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)

@@ -128,7 +128,7 @@ def loaded_by_ros2(node: Node, path: Any) -> dict[str, SetParametersResult]:
 
 
 def dumped_by_ros2(node: Node, path: Any, **changed: Any) -> dict[str, Any]:
-    """Write what ``ros2 param dump`` writes of a node, with some values changed; return all values."""
+    """Write the output of ``ros2 param dump`` of a node, with some values changed; return all values."""
     values = {name: one.value for name, one in node.get_parameters_by_prefix('').items()} | changed
     plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
     path.write_text(yaml.dump({node.get_fully_qualified_name(): {'ros__parameters': plain}}))

@@ -37,7 +37,7 @@ CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in top
 
 
 class Studio:
-    """A recorder, and somebody who publishes the virtual master of a robot."""
+    """A recorder, and a publisher of the virtual master of a robot."""
 
     def __init__(self, graph: Any, bag: Path) -> None:
         self._graph = graph
@@ -63,7 +63,7 @@ class Studio:
         self._graph.remove(self.recorder)
 
     def greet(self) -> None:
-        """Publish what comes before cyclic operation."""
+        """Publish the messages before cyclic operation."""
         self._master.publish(Vector3Stamped(header=Header(stamp=Time(sec=-1))))
 
     def end_at_once(self) -> None:
@@ -73,7 +73,7 @@ class Studio:
 
 
 def closed_bag(bag: Path) -> tuple[int, dict[str, Any]]:
-    """Return how many messages a bag holds, and what the recorder says of it."""
+    """Return the number of messages of a bag, and the recorder's report of it."""
     with Reader(bag) as reader:
         assert reader.message_count == len(list(reader.messages()))
         return reader.message_count, json.loads(reader.storage.metadata.custom['delta3_pacdrive'])
@@ -172,7 +172,7 @@ def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_fo
 def test_rejoining_recorder_continues_its_bag(
     graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is latched comes to it once more, and is not recorded twice; what it has not heard is missing."""
+    """Latched messages arrive once more and are not recorded twice; messages during its absence are missing."""
     studio = Studio(graph, tmp_path / 'bag')
     told = graph.listener.create_publisher(String, 'motion/state', LATCHED)
     studio.phase.publish(Header(frame_id='CP4 3fa9'))
@@ -262,7 +262,7 @@ def test_topics_of_the_exchange_are_counted_by_its_period(graph: Any, tmp_path: 
 
 
 def test_unknown_robot_reports_its_own_parameters(graph: Any, tmp_path: Path) -> None:
-    """The bag has them on the disk while it is written, and counts by them what came before."""
+    """The bag contains them on the disk during recording, and its counts use them for earlier messages."""
     robot = parameters.load('model').replace(bus__cycle_time_s=2e-3, bus__exchange_period_s=1e-3)
     recorder = graph.add(
         lambda **options: RecorderNode(True, **options), bag=str(tmp_path / 'bag'), **lists(parameters.load())
@@ -367,7 +367,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_recorder(graph: Any, small_d
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Return a file system of its own that is soon full."""
+    """Return a small separate file system that is full soon."""
     folder = tmp_path / 'disk'
     folder.mkdir()
     libc = ctypes.CDLL(None, use_errno=True)

@@ -160,7 +160,7 @@ def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_lo
     graph.spin_until(lambda: publisher.get_subscription_count() == 2, 'the master')
 
     def send(cycles: range, session: bytes = SESSION) -> None:
-        """Publish AT, and wait until somebody beside the master has all of them."""
+        """Publish AT, and wait until another subscriber than the master has all of them."""
         for cycle in cycles:
             frame = telegrams.at_frame(0xC008, 7, session)
             publish(codec.encode((0, cycle * 1_000_000), frame, [1.0, 2.0, 3.0]))

@@ -133,7 +133,7 @@ def test_without_control_msgs_everything_but_the_action_is_there(graph: Any) -> 
 
 @pytest.fixture(scope='module')
 def control_msgs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Give the package, installed or built; where it was built nobody else finds it."""
+    """Give the package, installed or built; a built package is invisible outside this test."""
     if action_type() is not None:
         yield importlib.import_module('control_msgs')
         return

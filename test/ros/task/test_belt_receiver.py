@@ -23,7 +23,7 @@ OUT_OF_RANGE = 'telegram contains a value that is out of range or not a number'
 
 
 class Receiver:
-    """The receiver of a master in session ``a1b2``; what it takes, and what it refuses."""
+    """The receiver of a master in session ``a1b2``; its accepted and rejected telegrams."""
 
     def __init__(self, session: bytes = SESSION.encode()) -> None:
         self.taken: list[object] = []

@@ -65,7 +65,7 @@ def test_a_folder_that_is_asked_for_stays(monkeypatch, tmp_path):
 
 @pytest.fixture
 def alone(monkeypatch, tmp_path):
-    """Take away what says how far the tests' robots go."""
+    """Remove the variables that limit the discovery of the tests' robots."""
     for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_fastrtps_cpp')

@@ -32,7 +32,7 @@ rclpy.shutdown()
 
 @pytest.fixture(scope='module')
 def late():
-    """Give the modules that four nodes load when they begin, how many files were looked for, and what was logged."""
+    """Return the modules that four nodes load at their start, the number of file searches, and the log."""
     told, logged = printed(NODES)
     return *json.loads(told), logged
 

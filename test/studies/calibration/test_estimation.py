@@ -22,7 +22,7 @@ def poses(robot):
 
 @pytest.fixture(scope='module')
 def touches(robot):
-    """Return the three touches that tell the zero angles."""
+    """Return the three touches that determine the zero angles."""
     return planned(robot, 'level', 3, 0, height_m=-0.9)
 
 

@@ -18,7 +18,7 @@ METHODS = [('base', 24), ('frame', 30), ('plane', 60), ('ball', 60)]
 
 
 def worth(points, robot):
-    """Logarithm of the determinant of what points of an instrument tell about the arms."""
+    """Logarithm of the determinant of the information of an instrument's points about the arms."""
     moves = model.sensitivity(estimation.shafts_of(points, robot), robot) * model.SCALES / 2e-5
     rows = moves.reshape(-1, 15)
     return np.linalg.slogdet(np.eye(15) + rows.T @ rows)[1]

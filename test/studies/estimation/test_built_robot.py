@@ -43,13 +43,13 @@ def rich():
 
 @pytest.fixture(scope='module')
 def recorded(program, rich):
-    """Return what the bus shows of a built robot on the exciting program of these tests."""
+    """Return the bus signals of a built robot on the exciting program of these tests."""
     return simulation.run(program, rich)
 
 
 @pytest.fixture(scope='module')
 def excited(rich):
-    """Return what the bus shows of a built robot that moves fast, and then slowly."""
+    """Return the bus signals of a built robot that moves fast, and then slowly."""
     slow = {'speed_m_s': 0.6, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 500.0}
     moves = [{'move_sb': {'through_m': THROUGH, **LIMITS}}, {'move_sb': {'through_m': THROUGH[:2], **slow}}]
     return simulation.run(programs.parse({'start_m': THROUGH[-1], 'moves': moves}, rich.motion), rich)

@@ -20,7 +20,7 @@ PERIOD_S = 62.5e-6
 
 @pytest.fixture(scope='module')
 def log():
-    """A log whose commands move all axes for 0.3 s, with the currents of the replay."""
+    """A log with commanded motion of all axes for 0.3 s, with the currents of the replay."""
     time_s = np.arange(320) * 1e-3
     way = np.clip((time_s - 0.01) / 0.3, 0.0, 1.0)
     smooth = way**3 * (10.0 - 15.0 * way + 6.0 * way**2)

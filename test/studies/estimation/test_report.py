@@ -30,7 +30,7 @@ DOCUMENT = {
 
 @pytest.fixture
 def compared():
-    """Return a robot and two models whose signals differ by known amounts."""
+    """Return a robot and two models with known differences of their signals."""
     time_s = 1e-3 * np.arange(200)
     motion = np.outer(np.sin(30.0 * time_s), [1.0, 2.0, 3.0])
 

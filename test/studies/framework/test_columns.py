@@ -42,7 +42,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Short:
-    """Record with other keys, and a value in a unit of its own."""
+    """Record with other keys, and a value in a separate unit."""
 
     n: Annotated[int, Column('n', key='number')]
     error_m: Annotated[Floats | None, Column('error {} [m]', 'xyz')]

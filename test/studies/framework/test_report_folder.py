@@ -38,7 +38,7 @@ def left(tmp_path):
 
 
 class Page(HTMLParser):
-    """Reads links, images and text of a page, and that what is opened is closed."""
+    """Reads links, images and text of a page, and checks that opened tags are closed."""
 
     def __init__(self, text):
         super().__init__()

@@ -93,7 +93,7 @@ def test_the_criterion_bounds_what_a_repetition_leaves_of_any_torque(gain):
 
 
 def test_robot_with_inverted_response_is_no_contraction_there():
-    """A resonance behind the bandwidth of the filter does no harm, one below it does."""
+    """A resonance above the bandwidth of the filter does no harm, one below it does."""
     frequency_hz = 120.0
     swing = 1.5e-3 * np.exp(-TIME / 30.0) * np.sin(2.0 * np.pi * frequency_hz * CYCLE_S * TIME + np.pi)
     robot = np.zeros((len(RESPONSE), 3, 3))

@@ -47,7 +47,7 @@ def address(run, tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def opened(browser, address):
-    """Return a visit of the page whose 3-D shows everything."""
+    """Return a visit of the page with all elements visible in 3-D."""
     with Visit(browser, address) as found:
         found.page.wait_for_selector(READY, state='attached')
         yield found

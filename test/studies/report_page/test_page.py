@@ -47,7 +47,7 @@ def both(one, other):
 
 
 class Tags(HTMLParser):
-    """Reads tags, their attributes and the texts of a page, and that what is opened is closed."""
+    """Reads tags, their attributes and the texts of a page, and checks that opened tags are closed."""
 
     def __init__(self, text):
         super().__init__()

@@ -17,7 +17,7 @@ HALF_A_STEP = 0.5e-4 * (1.0 + 1e-6)  # of a current in a page
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """Leave a trace of a run, and what an oscilloscope saw of it, in each form of a file."""
+    """Write a trace of a run and its oscilloscope record, in each format."""
     folder = tmp_path_factory.mktemp('runs')
     for form in ('npz', 'csv', 'parquet'):
         options = '--scope', ASKED, *OPTIONS, '--scope-output', str(folder / f's.{form}')

@@ -24,7 +24,7 @@ def one():
 
 
 def sampled(run, path, rate_hz, origin_s, names=('motor_speed', 'current', 'tcp_actual'), noise=0.0):
-    """Write a run as somebody else's table, whose time 0 of the program is ``origin_s``; return it read back."""
+    """Write a run as a foreign table with time 0 of the program at ``origin_s``; return it read back."""
     part = run.window
     time_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
     rng = np.random.default_rng(3)
@@ -151,7 +151,7 @@ def test_the_options_of_the_command_are_those_of_the_alignment():
 
 
 def logged(run, rate_hz, offset_s, clock_error, names, gap_s=None):
-    """Return a run as a table of a logger whose clock has an error and another zero; rows within ``gap_s`` are lost."""
+    """Return a run as a table of a logger with a clock error and another zero; rows within ``gap_s`` are lost."""
     part = run.window
     true_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
     signals = {

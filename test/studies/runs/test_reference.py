@@ -25,7 +25,7 @@ def run(robot):
 
 
 def played(trace, robot, name='a.csv'):
-    """Return the reference, its program, and its plan for a robot that stands where it begins."""
+    """Return the reference, its program, and its plan for a robot at its first point."""
     found = reference.of(trace, name, robot)
     program = programs.parse(found.document, robot.motion)
     placed = simulation.placed(robot, program)

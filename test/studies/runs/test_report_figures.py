@@ -155,7 +155,7 @@ def delayed(s):
 
 
 def resonant(s):
-    """Return an integrator and two resonances: |L| passes 1 five times, with phases of its own."""
+    """Return an integrator and two resonances: |L| passes 1 five times, with different phases."""
     first = 0.3 * s / (s**2 + 0.3 * s + 25.0)
     second = 0.9 * s / (s**2 + 0.9 * s + 400.0)
     return (0.8 / s + 1.6 * first + 1.5 * second) * np.exp(-0.12 * s)

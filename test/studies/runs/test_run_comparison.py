@@ -25,7 +25,7 @@ def built():
 
 
 def later(run, cycles, knows_start=False):
-    """Return the run as a recording that began earlier, of somebody who does not know when the program started."""
+    """Return the run as a recording that began earlier and does not contain the start of the program."""
     meta = run.window.meta if knows_start else run.window.meta | {'start_cycle': None}
     part = replace(run.window, time_s=run.window.time_s + cycles * run.period_s, meta=meta)
     return replace(run, window=part)

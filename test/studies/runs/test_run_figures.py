@@ -146,7 +146,7 @@ def test_an_ending_in_capitals_is_the_same_ending(trace: Trace, tmp_path: Path) 
 
 
 def late(trace: Trace, cycles: int, idle: int = 5000) -> Trace:
-    """Return the run as a recorder has it that joined a robot which had been up: no end, and long rest behind it."""
+    """Return the run as recorded by a late recorder on a running robot: without the end, with long rest after it."""
     rest = {name: np.repeat(values[-1:], idle, axis=0) for name, values in trace.signals.items()}
     count = len(trace.time_s) + idle
     meta = {key: value for key, value in trace.meta.items() if key != 'end_cycle'}

@@ -53,7 +53,7 @@ def row(label, values):
 
 
 def followed(profile, number, planner='a', session='3fa9'):
-    """Return a motion profile as the robot tells it."""
+    """Return a motion profile as reported by the robot."""
     return row(Origin(PROFILE, planner, session, number).label(), profile.to_array())
 
 
@@ -87,7 +87,7 @@ def plan(program, robot):
 
 @pytest.fixture
 def recorded(tmp_path, robot):
-    """Return what records messages beside those of all cycles."""
+    """Return a function that records messages in addition to the cyclic ones."""
 
     def recorded(arrivals):
         cycles = range(90, LAST + 1)
@@ -106,7 +106,7 @@ def recorded(tmp_path, robot):
 
 @pytest.fixture
 def bag(plan, recorded):
-    """Record a program that is held on its first move and goes on, with an output, a fault and a trip."""
+    """Record a program with a hold on its first move, an output, a fault and a trip."""
     timeline = Timeline(plan, 1e-3)
     timeline.start(STARTS)
     arrivals = [

@@ -31,7 +31,7 @@ def measured(frequencies, coherence, averages=8, values=None, **fields):
 
 
 def test_the_error_of_a_response_is_its_spread_over_many_estimates():
-    """White noise beside a gain of 1: the standard deviation that is told against that of 400 estimates."""
+    """White noise added to a gain of 1: the reported standard deviation against that of 400 estimates."""
     print('seed 8')
     generator = np.random.default_rng(8)
     piece, pieces = 64, 16

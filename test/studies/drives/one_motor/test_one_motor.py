@@ -35,7 +35,7 @@ def as_in_robot(short, robot):
 
 
 def test_with_the_coupling_of_the_arms_the_motor_moves_as_in_the_robot(as_in_robot):
-    """I_Load is A_bar less the rotor: what is beyond is d (4.29), held for two steps here."""
+    """I_Load is A_bar less the rotor: the rest is d (4.29), held for two steps here."""
     rows = as_in_robot.driven
     apart = np.abs(as_in_robot.position - as_in_robot.in_robot)[rows]
     assert np.ptp(as_in_robot.position[rows]) > 3.0

@@ -45,7 +45,7 @@ IDN = {applied.idn_of(name): name for name in DEFAULT}
 
 
 class Drives:
-    """Three drives that may refuse from some access on, or end whoever writes."""
+    """Three drives that may reject from some access on, or end the writer."""
 
     def __init__(self):
         self.has = {axis: dict(DEFAULT) for axis in AXES}

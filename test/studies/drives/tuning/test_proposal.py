@@ -35,7 +35,7 @@ def robots():
 
 @pytest.fixture(scope='module')
 def proposals(robots):
-    """Return what proposes gains for a robot, once."""
+    """Return a function that proposes gains for a robot, once."""
     return cache(lambda name: propose(robots[name], Targets(), SPEED_RAD_S))
 
 

@@ -67,7 +67,7 @@ def test_the_real_drive_on_the_bench_agrees_with_its_linear_loops(built):
 
 
 def test_the_bar_of_a_built_robot_gives(built, turning):
-    """The velocity loop does not reach the shaft where tool and part swing on the bar behind a motor that stands."""
+    """The velocity loop does not reach the resonance of tool and part on the bar with a resting motor shaft."""
     drive, velocity = tuned_drive(4, built), LOOPS[1]
     operation = OperatingPoint(drive.load(None, built), SPEED_RAD_S)
     elastic, rigid = (linear_loop(velocity, drive.in_loops(robot), operation) for robot in (built, turning))

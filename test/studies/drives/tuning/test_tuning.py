@@ -70,7 +70,7 @@ def operation(robot):
 
 @pytest.fixture(scope='module')
 def excited(robot):
-    """Return a recording of the robot whose first axis is excited at the current set point."""
+    """Return a recording of the robot with excitation of the current set point of the first axis."""
     return axis_excitation.record(robot, axis_excitation.Excitation(Place.PLANT, 0, POSE, 5.0))
 
 

@@ -29,7 +29,7 @@ def row(number, outcome=Outcome.DONE, **kept):
 
 
 def searched(own, number, refuse=lambda values: False):
-    """Return all trials, whose numbers are a function of their values."""
+    """Return all trials; their results are a function of their values."""
     search, found = Search(own), []
     for asked in search.rounds():
         told = [

@@ -18,7 +18,7 @@ WORD = Variation('x.word', Law.LIST, ('linear', 'cubic'))
 
 
 def found(number, runs=2048, vary=(A, B, C), sampling=Sampling.RANDOM, **more):
-    """Return the results of a sweep whose number is a function of its values."""
+    """Return the results of a sweep of a function of its values."""
     sweep = Sweep('test', {}, 'test', {}, runs, sampling, 1, vary, (), **more)
     values = values_of(sweep)
     kept = {'y': np.asarray(number(*values.values()), dtype=np.float64)}

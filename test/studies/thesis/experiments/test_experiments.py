@@ -226,7 +226,7 @@ def test_a_number_of_coalitions_that_fits_no_players_is_rejected():
 
 @pytest.fixture(scope='module')
 def attributed(robot, rich, short_program):
-    """Return what explains a robot with friction, encoders and geometric errors."""
+    """Return the attribution of a robot with friction, encoders and geometric errors."""
     some = with_effects(rich, ['friction', 'encoders', 'geometry'])
     told = []
     model = Run.of(run(short_program, robot), robot)
@@ -445,7 +445,7 @@ def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
 
 
 def test_effects_that_cancel_one_another_are_shown_whole(robot, rich, short_program):
-    """The tilt of the plate takes back a part of what geometric errors do to the true TCP."""
+    """The tilt of the plate compensates a part of the effect of geometric errors on the true TCP."""
     tilted = with_effects(rich.replace(rich__parallelogram=True), ['geometry', 'parallelogram'])
     found = attribute(short_program, Run.of(run(short_program, robot), robot), robot, tilted, lambda *_: None)
     outcome = found.outcomes['tcp_error_norm_true', 'deviation']

@@ -36,7 +36,7 @@ def built():
 
 
 def table_of(run, path, names, rate_hz=1000.0, origin_s=5.0):
-    """Write some signals of a run, told on the side of the arms, as a table without a bus cycle."""
+    """Write some signals of a run, on the side of the arms, as a table without a bus cycle."""
     part, gear = run.window, run.robot.dynamics.gear_ratio
     time_s = np.arange(round((part.time_s[-1] - part.time_s[0]) * rate_hz) + 1) / rate_hz + part.time_s[0]
     told = {
