@@ -157,8 +157,12 @@ class Planner:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
                 self._end_order(None)  # the verdict was lost
-        if self._change.sent and self.listened_to and status.order >= self._change.number:
-            self._change.take_verdict(None)
+        if (
+            self._change.is_sent_by(self._appended)
+            and self.listened_to
+            and status.order >= self._change.number
+        ):
+            self._change.take_verdict(None)  # the verdict was lost
         if self.motion == MotionState.ERROR:
             self._handle(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):

@@ -24,8 +24,9 @@ from delta3_pacdrive.planning.paths.move import MOVES_MAX
 from delta3_pacdrive.planning.program.model import Program, Statement
 from delta3_pacdrive.planning.resume import resume
 
-# lead of a change in bus cycles, multiplied by the factor each time it was too late
-LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR = 60, 4000, 4
+# leads of a change in bus cycles: at first, and each time it was too late
+OVERRIDE_LEADS: tuple[int, ...] = 60, 240, 960, 3840, 15360
+APPEND_LEADS: tuple[int, ...] = 60, 240, 960, 3840, 4000
 VERDICT_S = 10.0  # timeout of a verdict, restarted while rows of the plan are being checked
 
 
@@ -64,7 +65,13 @@ TRANSITIONS = {
 
 
 class ChangeSource(Protocol):
-    """Origin of a change: it sends the change and processes the verdict."""
+    """Origin of a change: it sends the change and processes the verdict.
+
+    ``leads`` are the leads of a change [bus cycles], and ``retries`` is the index of the next one.
+    """
+
+    leads: tuple[int, ...]
+    retries: int
 
     def send(self, now_s: float) -> None:
         """Send the change, again after it was too late, or end it."""
@@ -83,7 +90,6 @@ class ProgramChange:
         self.run, self._newest_cycle = run, newest_cycle
         self.state = ChangeState.NONE
         self.number, self.since_s = 0, 0.0  # of the newest order, and time of sending
-        self.lead_cycles = LEAD_CYCLES
         self._source: ChangeSource | None = None
 
     def handle(self, event: ChangeEvent) -> None:
@@ -100,15 +106,19 @@ class ProgramChange:
         """Whether the change waits for its verdict."""
         return self.state is ChangeState.SENT
 
+    def is_sent_by(self, source: ChangeSource) -> bool:
+        """Whether a change of this source waits for its verdict."""
+        return self.sent and self._source is source
+
     @property
     def newest_cycle(self) -> int:
         """Newest known bus cycle."""
         return self._newest_cycle()
 
-    def first_cycle(self, timeline: Timeline, at_rest: bool) -> int:
-        """Return the first bus cycle of the change; a robot at rest on its path continues from there."""
+    def first_cycle(self, source: ChangeSource, timeline: Timeline, at_rest: bool) -> int:
+        """Return the first bus cycle of a change; a robot at rest on its path continues from there."""
         profile = timeline.profile
-        cycle = self.newest_cycle + self.lead_cycles
+        cycle = self.newest_cycle + source.leads[source.retries]
         if at_rest:
             cycle = max(cycle, timeline.end_cycle)
         return cycle if profile is None else max(cycle, profile.cycle + 1)
@@ -131,14 +141,15 @@ class ProgramChange:
 
     def take_verdict(self, reason: Reason | None) -> None:
         """Process the verdict: a late change becomes due again, any other ends."""
-        if self._source is None:
+        source = self._source
+        if source is None:
             return
-        if reason is not None and reason.code == Code.LATE and self.lead_cycles < LEAD_CYCLES_MAX:
+        if reason is not None and reason.code == Code.LATE and source.retries + 1 < len(source.leads):
             self.run.pending = None
-            self.lead_cycles *= LEAD_FACTOR
+            source.retries += 1
             self.handle(ChangeEvent.MISS)
         else:
-            self._source.end(reason)
+            source.end(reason)
 
     def poll(self, now_s: float) -> None:
         """Check the timeout of the verdict."""
@@ -146,9 +157,10 @@ class ProgramChange:
             self._source.expire()
 
     def end(self) -> None:
-        """End the change; the next one begins with the shortest lead."""
+        """End the change; the next one of its source begins with the shortest lead."""
         self.run.pending = None
-        self.lead_cycles = LEAD_CYCLES
+        if self.busy and self._source is not None:
+            self._source.retries = 0
         self.handle(ChangeEvent.END)
 
 
@@ -173,6 +185,7 @@ class Override:
     def __init__(self, change: ProgramChange, task: Readiness, requests: RequestService) -> None:
         self._change, self._run, self._task = change, change.run, task
         self._act, self._reply = requests.act, requests.reply
+        self.leads, self.retries = OVERRIDE_LEADS, 0
         self.value = 1.0  # 1 = as planned
         self._request = OverrideRequest(1.0, '', lasting=False)
 
@@ -222,27 +235,28 @@ class Override:
         timeline = self._run.timeline
         if timeline is None or timeline.profile is None:
             raise ProgramError('the program that runs is not one of this planner')
-        cycle = self._change.first_cycle(timeline, self._task.motion == MotionState.STOPPED)
+        cycle = self._change.first_cycle(self, timeline, self._task.motion == MotionState.STOPPED)
         if not timeline.profile.held and cycle >= timeline.end_cycle:
+            # without a verdict in time the next change keeps the longer lead
+            self._change.handle(ChangeEvent.END)
             self._take_effect(', from the next program on: this one is about to end')
             return
         profile = resume(timeline, cycle, self._request.override)
         self._act(Changed(self._change.send(self, now_s), profile))
 
     def _take_effect(self, when: str) -> None:
-        self._change.end()
         self.value = self._request.override
         self._reply(f'{self._request.sentence}{when}')
 
     def end(self, reason: Reason | None) -> None:
         """Reply to the request."""
         ended = reason is not None and reason.code == Code.STATE and self._task.motion == MotionState.IDLE
+        self._change.end()
         if reason is None:
             self._take_effect('')
         elif ended and self._request.lasting:
             self._take_effect(', from the next program on: this one has ended')
         else:
-            self._change.end()
             self._reply(reason)
 
     def expire(self) -> None:
@@ -269,6 +283,7 @@ class AppendedMoves:
         self._planned: tuple[PlannedMoves, int] | None = None  # and number of appended statements
         self._extension: Extension | None = None
         self._orphaned = False
+        self.leads, self.retries = APPEND_LEADS, 0
 
     def begin(self, request: Request) -> None:
         """Start planning the moves of a request after those of the running program; raises ProgramError."""
@@ -329,7 +344,9 @@ class AppendedMoves:
         if timeline is None or timeline.profile is None or self._planned is None:
             return
         moves, _ = self._planned
-        extension = self._run.extension(moves, self._change.first_cycle(timeline, timeline.profile.held))
+        extension = self._run.extension(
+            moves, self._change.first_cycle(self, timeline, timeline.profile.held)
+        )
         self._extension = extension
         self._run.pending = extension.timeline
         row = tuple(extension.row(self._run.base).tolist())

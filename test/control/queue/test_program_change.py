@@ -7,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from delta3_pacdrive.control.queue.program_change import (
-    LEAD_CYCLES,
-    LEAD_CYCLES_MAX,
-    LEAD_FACTOR,
+    OVERRIDE_LEADS,
     TRANSITIONS,
     VERDICT_S,
     ChangeEvent,
@@ -28,6 +26,7 @@ class Source:
     def __init__(self) -> None:
         self.change = ProgramChange(ProgramRun(1e-3), lambda: 0)
         self.ends: list[Any] = []
+        self.leads, self.retries = OVERRIDE_LEADS, 0
 
     def send(self, now_s: float) -> None:
         self.change.send(self, now_s)
@@ -60,14 +59,13 @@ def test_every_state_is_reached_and_left_and_every_event_happens() -> None:
 def test_a_late_change_is_sent_again_with_a_longer_lead_until_that_is_too_far() -> None:
     source = Source()
     source.send(0.0)
-    leads = [source.change.lead_cycles]
+    leads = []
     while not source.ends:
+        leads.append(source.leads[source.retries])
         source.change.take_verdict(LATE)
         source.change.send_due(0.0)
-        leads.append(source.change.lead_cycles)
-    assert leads[:-1] == [LEAD_CYCLES * LEAD_FACTOR**n for n in range(len(leads) - 1)]
-    assert leads[-3] < LEAD_CYCLES_MAX <= leads[-2]
-    assert (source.ends, leads[-1]) == ([LATE], LEAD_CYCLES)  # the next one begins with the shortest
+    assert leads == list(OVERRIDE_LEADS)
+    assert (source.ends, source.retries) == ([LATE], 0)  # the next one begins with the shortest
 
 
 @given(events=st.lists(st.sampled_from(('send', 'accept', 'late', 'poll', 'expire')), max_size=40))
@@ -95,4 +93,5 @@ def test_after_any_events_a_change_waits_only_if_it_was_sent_and_not_answered(ev
                 now_s += 1.1 * VERDICT_S
                 change.poll(now_s)
                 assert not change.busy
-        assert LEAD_CYCLES <= change.lead_cycles < LEAD_FACTOR * LEAD_CYCLES_MAX
+        assert 0 <= source.retries < len(source.leads)
+        assert change.busy or source.retries == 0
