@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
+from delta3_pacdrive.axes import ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.belts.knowledge import TrackOrder
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
@@ -53,16 +54,18 @@ class Snapshot:
         )
 
     def to_document(self) -> dict[str, Any]:
-        """Return the state for JSON; the angles of rotary axes are ``turn_rad``, missing without one."""
+        """Return the state for JSON; the angles of the rotary axes present are ``turn_rad`` and ``turn_rad_2``."""
         document = asdict(self)
         turns_rad = document.pop('turns_rad')
-        return document | ({'turn_rad': turns_rad} if turns_rad else {})
+        return document | {numbered('turn_rad', number): angle for number, angle in enumerate(turns_rad)}
 
     @classmethod
     def from_document(cls, document: dict[str, Any]) -> Self:
         """Return the state of ``to_document``; ``planned_m`` may be missing."""
-        values = {'planned_m': document['command_m'], 'turn_rad': (), **document}
-        values['motion'], values['turns_rad'] = MotionState(values['motion']), values.pop('turn_rad')
+        values = {'planned_m': document['command_m'], **document}
+        angles = [values.pop(numbered('turn_rad', number), None) for number in range(ROTARY_AXES_MAX)]
+        values['motion'] = MotionState(values['motion'])
+        values['turns_rad'] = tuple(angle for angle in angles if angle is not None)
         fields: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
         }
@@ -88,7 +91,7 @@ def _track_order_of(text: str) -> TrackOrder:
     try:
         return TrackOrder.from_document(json.loads(text))
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
-        raise ProgramError(f'getting on a belt needs an order, not {shown(text)}') from None
+        raise ProgramError(f'an order is needed, not {shown(text)}') from None
 
 
 ATTACH = ScriptOperation('attach')

@@ -101,7 +101,7 @@ class ScriptService:
         try:
             argument = operation.read(request.text)
         except Delta3Error as error:
-            return Reason(Code.CONTENT, str(error))
+            return Reason(Code.CONTENT, f'{operation.name}: {error}')
         return self._acts[operation.name](request, argument)
 
     def _rejection(self, request: Request) -> Reason | None:

@@ -104,7 +104,7 @@ def test_invalid_condition_is_rejected_and_the_bus_keeps_waiting(node, called, t
 @pytest.mark.parametrize('text', ['', '-1', '1.5', 'soon', '9' * 20])
 def test_a_hold_at_no_bus_cycle_is_rejected(node, called, text):
     reason, _ = node.ask(HOLD, text)
-    assert reason.code is Code.CONTENT
+    assert (reason.code, str(reason)) == (Code.CONTENT, f'hold: a bus cycle is needed, not {text!r}')
 
 
 def test_waiting_script_receives_signs_of_life(node, called):
