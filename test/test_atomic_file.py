@@ -54,7 +54,7 @@ def no_room():
 
 
 @pytest.mark.parametrize('name', WRITERS)
-def test_a_file_that_has_no_room_leaves_the_old_one_and_nothing_else(name, tmp_path, no_room):
+def test_full_disk_keeps_the_old_file_and_leaves_no_other(name, tmp_path, no_room):
     path = tmp_path / name
     path.write_text('the old one')
     with pytest.raises((OSError, ValueError), match='too large'):
@@ -89,7 +89,7 @@ def test_longest_file_name_is_no_obstacle(tmp_path):
     assert path.read_text() == 'whole'
 
 
-def test_what_cannot_be_written_is_known_before(tmp_path):
+def test_unwritable_path_is_detected_in_advance(tmp_path):
     file = tmp_path / 'file'
     file.touch()
     assert whole_file.file_refusal(file) == ''

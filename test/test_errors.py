@@ -55,7 +55,7 @@ def test_a_value_of_60_characters_is_shown_whole_and_a_longer_one_is_cut(length:
     assert len(text) == 60
 
 
-def test_a_value_that_cannot_be_shown_is_named_by_its_type() -> None:
+def test_value_without_a_text_form_is_named_by_its_type() -> None:
     assert shown(10**5000) == 'a value of type int, too large to show'
 
 

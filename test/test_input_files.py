@@ -75,7 +75,7 @@ def test_other_archives_have_the_same_limit(load, small, tmp_path):
         load(tmp_path / 'a.npz')
 
 
-def test_what_a_reader_takes_in_addition_is_bounded():
+def test_additional_memory_of_a_reader_is_bounded():
     before = resource.getrlimit(resource.RLIMIT_DATA)
     pages = os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE')
     with memory.bounded(), pytest.raises(MemoryError):

@@ -290,7 +290,7 @@ def test_interrupt_converted_on_its_way_is_still_an_interrupt():
     assert_one_sentence(done.stderr, 'ended by SIGTERM')
 
 
-def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
+def test_signal_with_a_handler_of_ros_is_an_interrupt_too(capfd):
     class ExternalShutdownException(Exception):  # noqa: N818 (as rclpy calls it)
         pass
 
@@ -341,7 +341,7 @@ def test_full_disk_under_standard_output_is_reported(arguments):
     assert_one_sentence(done.stderr, 'No space left on device')
 
 
-def test_streams_that_are_closed_lead_nowhere_and_no_file_takes_their_place(tmp_path):
+def test_closed_streams_are_not_replaced_by_a_file(tmp_path):
     """Otherwise, the output would go to the file that has got the number of the closed stream."""
     trace = tmp_path / 'run.npz'
     done = ended(
@@ -436,7 +436,7 @@ def events_set_by_signals(source):
     return {f'{event}.set' for event in events} & names
 
 
-def test_no_handler_of_signals_takes_the_lock_of_an_event():
+def test_no_signal_handler_acquires_the_lock_of_an_event():
     assert events_set_by_signals(EVENT) == {'over.set'}
     package = Path(interrupts.__file__).parent
     sources = {path: path.read_text(encoding='utf-8') for path in package.rglob('*.py')}

@@ -29,14 +29,14 @@ def test_joined_packaged_files_have_the_differences_of_both(robot):
     assert (both.kinematics, both.dynamics, both.motor) == (robot.kinematics, robot.dynamics, robot.motor)
 
 
-def test_a_complete_file_of_ones_own_takes_the_place_of_the_default_one(robot, tmp_path):
+def test_complete_user_file_replaces_the_default_one(robot, tmp_path):
     own = parameters.write(robot.replace(dynamics__plate_mass_kg=0.9), tmp_path / 'own.yaml')
     joined = parameters.load(f'{own}+model')
     assert joined.dynamics.plate_mass_kg == 0.9
     assert joined.control.feed_forward == parameters.MODEL
 
 
-def test_a_file_of_ones_own_may_hold_differences_if_it_is_not_the_first(difference):
+def test_user_file_may_hold_differences_if_it_is_not_the_first(difference):
     heavy = difference('heavy.yaml', 'dynamics: {plate_mass_kg: 0.9}')
     assert parameters.load(f'model+{heavy}').dynamics.plate_mass_kg == 0.9
     with pytest.raises(ParameterError, match='missing parameter'):
@@ -54,7 +54,7 @@ def test_contradicting_parameter_files_are_rejected_by_name(difference):
         parameters.load(f'model+{plain}+{built}')
 
 
-def test_what_is_wrong_in_a_joined_file_is_rejected_as_ever(difference):
+def test_error_in_a_joined_file_is_rejected_as_in_a_single_one(difference):
     with pytest.raises(ParameterError, match='modle'):
         parameters.load('rich+modle')
     wrong = difference('wrong.yaml', 'dynamics: {plate_mas_kg: 0.9}')

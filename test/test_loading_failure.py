@@ -32,7 +32,7 @@ def failure(code, tmp_path, monkeypatch):
         ('import foreign_library.core', "ModuleNotFoundError: No module named 'foreign_library.core'"),
     ],
 )
-def test_a_library_that_cannot_be_loaded_is_named_with_its_file(code, cause, tmp_path, monkeypatch):
+def test_library_that_fails_to_load_is_named_with_its_file(code, cause, tmp_path, monkeypatch):
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     sentence = loading_failure(failure(code, tmp_path, monkeypatch))
     version = sys.version.split()[0]
@@ -55,7 +55,7 @@ def test_error_in_the_code_is_not_a_loading_failure(error):
     assert loading_failure(error) is None
 
 
-def test_an_import_of_the_package_itself_keeps_its_traceback():
+def test_import_error_of_the_package_keeps_its_traceback():
     with pytest.raises(ImportError) as caught:
         from delta3_pacdrive.errors import no_such_name  # noqa: F401
     assert loading_failure(caught.value) is None

@@ -162,7 +162,7 @@ def test_package_xml_declares_every_dependency(requirements):
             assert ROSDEP_KEYS.get(name, f'python3-{name}') in declared
 
 
-def test_the_lower_bounds_that_are_tried_are_those_that_are_asked_for(distribution):
+def test_tested_lower_bounds_are_the_declared_ones(distribution):
     tried = dict(
         re.findall(r'^([\w.-]+)==(\S+)', (SOURCE / 'test/lower_bounds.txt').read_text(), re.MULTILINE)
     )
@@ -338,7 +338,7 @@ def test_a_node_loads_no_generator_of_messages(distribution, tmp_path):
     assert not {'lark', 'em', 'rosidl_parser.parser'}.intersection(loaded)
 
 
-def test_packages_that_the_cache_of_kernels_leaves_out_have_none_and_are_above_all_that_have():
+def test_packages_outside_the_kernel_cache_have_no_kernels_and_are_above_all_that_have():
     """An edit of a report must not cost a compilation."""
     assert kernel.kernels() > 150
     sources = kernel.kernel_sources()

@@ -173,7 +173,7 @@ def test_every_parameter_has_a_description_a_range_and_a_unit(name):
 
 
 @pytest.mark.parametrize('name', sorted(WORDS))
-def test_a_word_is_one_of_those_that_are_known(name, robot):
+def test_unknown_word_is_rejected(name, robot):
     choices = FIELDS[name].metadata['choices']
     for choice in choices:
         assert parameters.flatten(replace(robot, name, choice))[name] == choice
@@ -346,7 +346,7 @@ def test_rules_between_parameters_name_both(change, rule, robot):
     assert rule in refusal(lambda: robot.replace(**change))
 
 
-def test_an_effect_that_is_off_limits_nothing(robot):
+def test_disabled_effect_sets_no_limit(robot):
     plain = robot.replace(motor__static_friction_n_m=0.3)
     assert plain.motor.static_friction_n_m > plain.rich.break_away_torque_n_m
     without_friction = {'rich__enabled': True, 'rich__friction': False, 'bus__exchange_period_s': 125e-6}
@@ -357,7 +357,7 @@ def test_an_effect_that_is_off_limits_nothing(robot):
 
 @pytest.mark.parametrize('cycle_time_s', [1e-3, 2e-3, 4e-3])
 @pytest.mark.parametrize('exchange_period_s', [125e-6, 250e-6, 500e-6, 1e-3])
-def test_every_bus_cycle_goes_with_every_exchange_period(cycle_time_s, exchange_period_s, robot):
+def test_every_bus_cycle_is_compatible_with_every_exchange_period(cycle_time_s, exchange_period_s, robot):
     bus = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=exchange_period_s).bus
     assert (bus.cycle_time_s, bus.exchange_period_s) == (cycle_time_s, exchange_period_s)
 
@@ -389,7 +389,7 @@ def test_without_enabled_no_effect_is_on(robot):
     assert not any(getattr(robot.rich.effects, name.removeprefix('rich.')) for name in on)
 
 
-def test_a_file_of_ones_own_goes_before_the_packaged_one_of_its_name(robot, tmp_path, monkeypatch):
+def test_user_file_has_priority_over_the_packaged_one_of_its_name(robot, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     parameters.write(robot.replace(rich__sensor_seed=7), tmp_path / 'rich.yaml')
     assert parameters.load('rich.yaml').rich.sensor_seed == 7
@@ -470,7 +470,7 @@ BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
     ],
     ids=lambda value: repr(value)[:40] if isinstance(value, bytes) else '',
 )
-def test_a_hostile_file_gets_one_sentence(content, reason, tmp_path):
+def test_hostile_file_is_rejected_with_one_message(content, reason, tmp_path):
     path = tmp_path / 'robot.yaml'
     path.write_bytes(content)
     sentence = refusal(parameters.load, path)
@@ -478,7 +478,7 @@ def test_a_hostile_file_gets_one_sentence(content, reason, tmp_path):
     assert str(path) in sentence
 
 
-def test_missing_file_gets_one_sentence(tmp_path):
+def test_missing_file_is_rejected_with_one_message(tmp_path):
     assert 'cannot read parameter file' in refusal(parameters.load, tmp_path)
     assert 'cannot read parameter file' in refusal(parameters.load, tmp_path / 'missing.yaml')
 
@@ -516,7 +516,7 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     assert replace(robot, name, changed).checksum != robot.checksum
 
 
-def test_parameters_cannot_be_changed_in_place(robot):
+def test_parameters_are_immutable(robot):
     with pytest.raises(dataclasses.FrozenInstanceError):
         robot.motor.peak_current_a = 20.0
 

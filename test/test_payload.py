@@ -31,7 +31,7 @@ def held_kg(torque_n_m, robot):
     return float(heaviest.min())
 
 
-def test_the_limit_is_half_of_what_brakes_and_nominal_currents_hold(robot):
+def test_limit_is_half_of_the_capacity_of_brakes_and_nominal_currents(robot):
     by_motors = held_kg(robot.motor.nominal_current_a * robot.motor.torque_constant_n_m_a, robot)
     by_brakes = held_kg(robot.motor.brake_torque_n_m, robot)
     assert (by_brakes, by_motors) == pytest.approx(

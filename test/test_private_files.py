@@ -109,7 +109,7 @@ def test_a_file_in_the_path_is_rejected(tmp_path):
     ('kind', 'reason'),
     [('link', 'symbolic links'), ('pipe', 'not a regular file'), ('folder', 'Is a directory')],
 )
-def test_a_lock_is_a_regular_file_or_rejected_at_once(kind, reason, tmp_path):
+def test_lock_that_is_not_a_regular_file_is_rejected_immediately(kind, reason, tmp_path):
     path, victim = tmp_path / 'lock', tmp_path / 'victim'
     victim.write_text('precious')
     {'link': lambda: path.symlink_to(victim), 'pipe': lambda: os.mkfifo(path), 'folder': path.mkdir}[kind]()

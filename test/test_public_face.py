@@ -22,7 +22,7 @@ FUNCTIONS = [
 FAR = [[0.0, 0.0, -0.8], [0.75, 0.0, -1.0], [0.1, 0.1, -0.85]]  # the second one is out of reach of one arm
 
 
-def test_everything_that_is_promised_is_there():
+def test_all_documented_names_exist():
     assert sorted(d3.__all__) == dir(d3)
     assert all(getattr(d3, name) is not None for name in d3.__all__)
     assert d3.__version__ == metadata.version('delta3_pacdrive')
@@ -89,7 +89,7 @@ def test_kinematics_take_the_robot_or_its_lengths():
     np.testing.assert_array_equal(point, d3.kinematics.forward(theta, robot.kinematics))
 
 
-def test_what_is_out_of_reach_is_nan_where_that_is_asked_for():
+def test_unreachable_positions_are_nan_on_request():
     robot = d3.load_parameters()
     with pytest.raises(UnreachableError, match='position 1'):
         d3.kinematics.inverse(FAR, robot)

@@ -221,7 +221,7 @@ def test_with_closed_streams_every_command_works(shell, files, tmp_path):
 
 
 @pytest.mark.parametrize('line', ['run missing.yaml', 'sweep sweep.yaml --dry-run', 'plan program.yaml'])
-def test_a_working_folder_that_is_gone_is_named(line, files, tmp_path):
+def test_deleted_working_folder_is_named(line, files, tmp_path):
     gone = tmp_path / 'gone'
     gone.mkdir()
     script = f'rmdir {gone}; exec "$0" "$@"'

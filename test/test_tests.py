@@ -70,7 +70,7 @@ def private_names(tree):
 
 
 @for_each('path', FILES)
-def test_no_test_reaches_into_what_is_private(path):
+def test_no_test_uses_private_names(path):
     assert private_names(ast.parse((TEST / path).read_text(encoding='utf-8'))) == []
 
 
@@ -86,12 +86,12 @@ def test_no_test_reaches_into_what_is_private(path):
         ('self._own = row._replace(a=1).__dict__', []),
     ],
 )
-def test_what_is_private_is_seen_by_its_name(code, names):
+def test_private_names_are_detected(code, names):
     assert [name.rpartition('.')[2] for _, name in private_names(ast.parse(code))] == names
 
 
 @for_each('path', FILES)
-def test_no_file_of_tests_is_longer_than_can_be_read_in_one_go(path):
+def test_every_file_of_tests_is_within_the_line_limit(path):
     assert len((TEST / path).read_text(encoding='utf-8').splitlines()) <= LINES_MAX
 
 

@@ -45,7 +45,7 @@ def test_picture_content_is_reported_its_latency_later_with_the_count_of_the_pic
 @pytest.mark.parametrize(
     ('latency_s', 'cycles'), [(0.0, 0), (0.001, 1), (0.0295, 30), (0.03, 30), (0.0301, 31)]
 )
-def test_a_latency_of_whole_cycles_is_as_many_cycles_and_none_is_the_cycle_of_the_picture(latency_s, cycles):
+def test_latency_is_a_number_of_cycles_and_zero_reports_in_the_cycle_of_the_picture(latency_s, cycles):
     found, state = told(replace(PLAIN, latency_s=latency_s), 2000)
     belt, counts = BeltState(LINE, CYCLE_S, 0, np.random.default_rng(5)), []
     for cycle in range(2000):
@@ -56,7 +56,7 @@ def test_a_latency_of_whole_cycles_is_as_many_cycles_and_none_is_the_cycle_of_th
     assert state.latency_cycles == cycles
 
 
-def test_every_part_is_seen_if_pictures_join_and_none_is_where_it_is_not():
+def test_adjoining_pictures_show_every_part_at_its_true_position_only():
     found, _ = told(PLAIN, 8000)
     places = np.array([one.along_m - (one.count + 0.5) / 1e5 for _, one in found])
     assert np.abs(places - np.round(places, 1)).max() < 1e-3
@@ -82,7 +82,7 @@ def test_some_parts_are_missed_and_some_are_reported_twice():
     assert len(told(replace(PLAIN, doubled_share=0.3), 60_000)[0]) == pytest.approx(1.3 * whole, rel=0.08)
 
 
-def test_dead_camera_takes_no_pictures_and_resumes_in_step():
+def test_failed_camera_takes_no_pictures_and_resumes_in_step():
     found, state = told(PLAIN, 4000, dead_from=2000)
     assert state.pictures == 4
     assert max(cycle for cycle, _ in found) < 2000 + 30

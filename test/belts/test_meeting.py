@@ -33,7 +33,7 @@ def met(part_m, speed, work=WORK, offset=STANDS):
     return meet(part_m, speed, offset, work, REFERENCE_M, WINDOW, LIMITS)
 
 
-def test_a_part_in_the_window_is_met_at_once_where_the_first_move_ends():
+def test_part_in_the_window_is_met_at_the_end_of_the_first_move():
     found = met(0.5, 0.5)
     assert isinstance(found, Meeting)
     assert found.wait_s == 0.0
@@ -55,7 +55,7 @@ def test_arriving_part_is_met_at_the_beginning_of_the_window(speed):
     assert found.met_m == pytest.approx(WINDOW.begin_m, abs=1e-6)
 
 
-def test_what_is_added_begins_as_it_was_and_ends_with_the_part():
+def test_belt_offset_starts_from_the_previous_motion_and_ends_with_the_part():
     before = Motion((0.05, -0.02, 0.01), (0.3, 0.0, 0.0))
     found = met(0.5, 0.8, offset=before)
     at_first = offset_on(found, 0.0, REFERENCE_M)
@@ -77,7 +77,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('reason', REFUSED)
-def test_what_would_not_end_well_is_rejected_before_anything_moves(reason):
+def test_infeasible_meeting_is_rejected_before_motion(reason):
     place, speed, sentence = REFUSED[reason]
     found = met(place, speed)
     assert isinstance(found, Miss)
@@ -85,7 +85,7 @@ def test_what_would_not_end_well_is_rejected_before_anything_moves(reason):
     assert sentence in found.sentence
 
 
-def test_part_beyond_the_window_is_gone_whatever_the_belt_does():
+def test_part_beyond_the_window_is_lost_for_any_belt_motion():
     assert met(1.1, 0.0).sentence == 'the part is at 1100.0 mm, the window ends at 1000.0 mm'
 
 
@@ -134,7 +134,7 @@ def test_a_plan_that_is_carried_out_of_the_workspace_is_rejected_with_the_instan
         require_feasible(work, 0.0, work.duration_s, lambda _: Motion((0.4, 0.0, 0.0)), robot, 1.0)
 
 
-def test_a_plan_that_asks_too_much_of_a_motor_only_with_the_belt_is_rejected(robot):
+def test_plan_that_overloads_a_motor_only_with_the_belt_is_rejected(robot):
     work = planned(robot, (0.2, 0.0, -0.8))
     end = work.duration_s
     require_feasible(work, 0.0, end, lambda _: STANDS, robot, 1.0)

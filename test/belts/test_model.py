@@ -114,7 +114,7 @@ def test_the_light_barrier_latches_the_encoder_its_delay_after_the_middle_of_a_p
     assert first.cycle == math.ceil((passed + 0.0025) / CYCLE_S)
 
 
-def test_what_was_taken_is_gone_from_the_belt():
+def test_taken_part_is_removed_from_the_belt():
     state = ran(belt(), 601)
     state.take(0)
     assert [part.number for part in state.parts] == [1]
@@ -172,7 +172,7 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
         ('stream', {'part': 'box', 'count': 1, 'spacing_mm': 9}, "part is 'box', but must be one of bar"),
     ],
 )
-def test_a_belt_that_cannot_be_is_rejected(key, value, told):
+def test_impossible_belt_is_rejected(key, value, told):
     with pytest.raises(CellError) as refused:
         cell_file.parse(CELL | {'belts': {'line': CELL['belts']['line'] | {key: value}}})
     assert told in str(refused.value)

@@ -49,7 +49,7 @@ def test_braking_belt_is_not_predicted_backwards():
     assert braking.after(0.002) == pytest.approx((1.0 + 0.01 * 0.002 - 0.002**2, 0.006, -2.0))
 
 
-def test_a_belt_that_runs_already_is_known_after_some_bus_cycles():
+def test_running_belt_is_known_after_some_bus_cycles():
     motion = BeltMotion(Belt('line', (0.0, 0.0, 0.0), 0.0, 10.0, PER_M, (SpeedChange(0.0, 1.5, 5.0),)))
     observer = BeltObserver(PER_M, CYCLE_S)
     for cycle in range(1000, 1000 + SETTLED_CYCLES):

@@ -45,7 +45,7 @@ def test_angles_are_averaged_over_the_short_arc():
     assert hand_out(queue, 0.0, WINDOW).angle_rad == pytest.approx(math.pi)
 
 
-def test_parts_that_are_apart_or_of_another_type_are_parts_of_their_own():
+def test_distant_parts_or_parts_of_another_type_are_separate():
     queue = filled(0.1, 0.106)
     assert queue.add(part(0.1, kind='box'))
     assert queue.add(part(0.1, 0.006))
@@ -66,7 +66,7 @@ def test_first_in_is_the_most_advanced_part_and_nearest_the_one_next_to_the_robo
     assert [hand_out(nearest, 0.5, WINDOW, 0.71).along_m for _ in range(3)] == [0.2, 0.3, 0.1]
 
 
-def test_what_has_left_the_window_is_dropped_and_counted():
+def test_part_that_has_left_the_window_is_dropped_and_counted():
     queue = filled(0.1, 0.3, 0.2)
     assert hand_out(queue, 0.75, WINDOW).along_m == 0.2
     assert (len(queue), queue.left) == (1, 1)

@@ -86,7 +86,7 @@ def test_once_on_the_belt_the_command_is_where_the_part_is_when_it_is_reached(wa
     assert np.abs(across).max() < 1e-12
 
 
-def test_nothing_is_added_before_and_it_begins_and_ends_at_rest_without_a_jump():
+def test_belt_correction_is_zero_before_and_begins_and_ends_at_rest_without_a_jump():
     bench = Bench(steady).order(0.4).run(900, lambda k: FIRST <= k < 500)
     added = [n for n, one in enumerate(bench.offsets) if one is not None]
     assert added[0] == FIRST
@@ -175,14 +175,14 @@ def test_a_hard_stop_takes_over_from_a_soft_one_until_that_is_over():
     assert np.abs(np.diff(bench.along(395, rest + 10), n=2)).max() / 1e-6 < 205.0
 
 
-def test_a_belt_that_is_too_fast_when_the_robot_gets_on_is_lost_and_nothing_is_added():
+def test_belt_too_fast_at_synchronization_is_lost_without_correction():
     bench = Bench(lambda time: 5.0 * time).order(-0.5).run(FIRST + 50)
     assert bench.tracking.lost.code is Code.BELT
     assert 'belt line in bus cycle 200: a belt of 5.0' in bench.tracking.lost.sentence
     assert np.abs(bench.along(FIRST, FIRST + 50)).max() == 0.0
 
 
-def test_a_belt_that_gets_faster_than_the_robot_may_be_is_lost():
+def test_belt_that_exceeds_the_speed_limit_of_the_robot_is_lost():
     def quicker(time):
         return 0.5 * time + max(time - 0.4, 0.0) ** 2
 
@@ -249,7 +249,7 @@ def test_bouncing_light_barrier_reports_a_part_once():
     assert bench.tracking.observed.bounced[0] == 2
 
 
-def test_a_camera_that_takes_no_picture_for_too_long_is_dead():
+def test_camera_without_pictures_beyond_the_time_limit_is_dead():
     belt = BELT._replace(camera_every_m=0.1)
     tracking = BeltTracking(parameters.load(), [belt])
     for cycle in range(761):
@@ -295,7 +295,7 @@ class Controlled(Bench):
 
 
 @pytest.mark.parametrize('hard', [False, True])
-def test_a_fault_on_the_belt_stops_path_and_belt_motion_and_then_takes_the_torque_off(hard):
+def test_fault_on_the_belt_stops_path_and_belt_motion_and_then_disables_torque(hard):
     bench = Controlled().order(0.4)
     bench.task.enable(20)
     bench.task.start(FIRST)

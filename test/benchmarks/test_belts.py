@@ -46,7 +46,7 @@ def test_the_cycle_is_the_shortest_time_between_two_parts(rows):
     assert rows[MISSES]['cycle_s'] < 0.98 * 60.0 / rows[MISSES]['picks_per_min']
 
 
-def test_parts_are_taken_within_what_is_promised(rows):
+def test_parts_are_picked_within_the_specified_tolerance(rows):
     for row in rows.values():
         assert 0.0 < row['error_rms_m'] <= row['error_max_m'] < 0.1e-3
 

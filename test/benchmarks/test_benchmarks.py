@@ -45,7 +45,7 @@ def test_rate_is_compared_with_the_target_of_its_direction():
 
 
 @pytest.mark.parametrize('seconds', [1.0, 6.0, 60.0])
-def test_the_program_of_a_benchmark_lasts_about_as_long_as_asked_for(seconds, robot, tmp_path):
+def test_program_of_a_benchmark_has_about_the_requested_duration(seconds, robot, tmp_path):
     program = programs.load(program_file(seconds, str(tmp_path)), robot.motion)
     once = programs.load('experiment1', robot.motion)
     period = program_planner.plan(once, once.start_m, robot).plan.duration_s
@@ -303,7 +303,7 @@ def test_process_without_real_time_priority_has_an_ordinary_user():
     assert in_child(look) == {'permitted': False, 'policy': os.SCHED_OTHER}
 
 
-def test_what_the_machine_rejects_to_a_case_is_a_sentence(capfd):
+def test_system_error_of_a_case_is_a_message(capfd):
     def refused():
         raise OSError(28, 'No space left on device')
 
@@ -312,7 +312,7 @@ def test_what_the_machine_rejects_to_a_case_is_a_sentence(capfd):
     assert 'Traceback' not in capfd.readouterr().err
 
 
-def test_a_case_whose_benchmark_was_killed_ends_without_a_word():
+def test_case_with_a_killed_benchmark_ends_without_output():
     code = (
         'import os, signal\n'
         'from delta3_pacdrive.benchmarks.case import in_child\n'

@@ -39,14 +39,14 @@ def test_the_encoders_of_a_nominal_robot_see_its_tcp_and_those_of_a_built_one_do
 
 
 @pytest.mark.long
-def test_a_shaped_round_takes_longer_and_a_time_optimal_one_less(rows):
+def test_shaped_round_is_slower_and_a_time_optimal_one_faster(rows):
     times = {name: own[control.NOMINAL]['cycle_s'] for name, own in rows.items()}
     assert times['time-optimal'] < times['feed-forward'] == times['off'] < times['shaped']
     assert times['shaped'] - times['off'] < 0.1
 
 
 @pytest.mark.long
-def test_it_asks_for_more_current_where_masses_are_larger(rows):
+def test_feed_forward_current_grows_with_the_masses(rows):
     for own in rows.values():
         lighter, heavier = (own[robot]['rms_current_a'] for robot in (control.LIGHTER, control.HEAVIER))
         assert lighter < own[control.NOMINAL]['rms_current_a'] < heavier

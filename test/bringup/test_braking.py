@@ -51,7 +51,7 @@ class Robot:
         (Robot([ENABLED, ENABLED, ENABLED, UP, UP], reachable_after=2), 2, 4),
     ],
 )
-def test_robot_is_asked_until_it_reports_to_be_without_torque(robot, asked_at, looks):
+def test_robot_is_queried_until_it_reports_disabled_torque(robot, asked_at, looks):
     brake(robot, robot.spin_for, LOOK_S)
     assert (robot.asked_at, robot.looks) == (asked_at, looks)
     assert robot.progress == UP
@@ -61,7 +61,7 @@ def test_robot_is_asked_until_it_reports_to_be_without_torque(robot, asked_at, l
     'robot',
     [Robot([NO_REPORT]), Robot([COMING]), Robot([COMING, COMING]), Robot([ENABLED], reachable_after=10**9)],
 )
-def test_a_robot_that_is_not_up_or_cannot_be_reached_is_left_after_a_while(robot):
+def test_stopped_or_unreachable_robot_is_given_up_after_a_time_limit(robot):
     brake(robot, robot.spin_for, LOOK_S)
     assert robot.asked_at is None
 

@@ -109,7 +109,7 @@ def test_ordinary_work_and_the_kernels_own_threads_do_not_count(
     assert cores_after(machine, CpuLoadMonitor(machine.folder), 2.0 * CORES * LOOK_S, **more) == 0.0
 
 
-def test_a_look_that_takes_long_makes_no_load_of_it(machine: Machine) -> None:
+def test_slow_sampling_is_not_counted_as_load(machine: Machine) -> None:
     looks = CpuLoadMonitor(machine.folder)
     long_s = 2.0 * LOOK_S
     share = 0.9 * SHARE * CORES
@@ -162,7 +162,7 @@ def test_real_time_work_of_other_processes_is_counted(machine: Machine) -> None:
     assert told.endswith('it starts without it')
 
 
-def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(machine: Machine) -> None:
+def test_starting_robot_counts_with_its_expected_load(machine: Machine) -> None:
     just = FREE - SINGLE_CORES
     assert room_beside(machine, just, robot=0.0) == ''
     assert room_beside(machine, just + 0.01, robot=0.0) != ''
@@ -197,17 +197,17 @@ def test_on_a_machine_of_half_the_speed_robots_need_twice_as_much(machine: Machi
     )
 
 
-def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(machine: Machine) -> None:
+def test_running_robot_counts_with_its_measured_load_if_that_is_larger(machine: Machine) -> None:
     told = room_beside(machine, FREE, 2.0, robot=0.8)
     assert 'take 0.80 of' in told
 
 
-def test_several_robots_ask_how_slow_the_machine_is_and_one_alone_may_try(machine: Machine) -> None:
+def test_several_robots_check_the_speed_of_the_machine_and_a_single_one_may_try(machine: Machine) -> None:
     assert lack_of_room(2, 0.6 * FREE, machine.folder, lambda: 2.0) != ''
     assert lack_of_room(1, 0.6 * FREE, machine.folder, lambda: 2.0) == ''
 
 
-def test_a_machine_is_as_slow_as_the_work_of_this_thread_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measured_slowness_is_that_of_the_work_of_this_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter(
         [0.0, 5 * LOOP_S, 10 * LOOP_S, 13 * LOOP_S, *(20 * LOOP_S + n * 4 * LOOP_S for n in range(6))]
     )
@@ -220,7 +220,7 @@ def test_a_machine_is_as_slow_as_the_work_of_this_thread_takes(monkeypatch: pyte
 # who asks first
 
 
-def test_the_second_of_two_asks_when_the_first_has_what_it_needs(tmp_path: Path) -> None:
+def test_second_of_two_requests_after_the_first_is_served(tmp_path: Path) -> None:
     order: list[str] = []
     waiting = threading.Event()
 

@@ -150,7 +150,7 @@ def test_end_all_kills_grandchildren(tmp_path):
     assert parent.stdout.read() == b''  # the end of it is open in no process any more
 
 
-def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
+def test_recorder_is_stopped_after_all_other_processes(tmp_path):
     code = CHILD.replace(
         'time.sleep(float(sys.argv[1]))', 'print(time.monotonic()); time.sleep(0.2); print(time.monotonic())'
     )
@@ -238,7 +238,7 @@ def test_the_time_between_two_replacements_doubles_and_every_other_one_is_that_o
     assert bus.replaced('CP0', ['axis3'], 20.0)[0][1] == ('axis3',)
 
 
-def test_nothing_is_replaced_while_the_bus_gets_on_or_waits_for_no_participant():
+def test_no_participant_is_replaced_while_the_bus_advances_or_waits_for_none():
     bus = Bus()
     for _ in range(10):
         assert bus.replaced('CP0', ['axis3'], STUCK_S - 1.0) == []
@@ -284,7 +284,7 @@ def test_real_time_is_permitted_where_it_works_and_not_where_it_was_given_up():
     assert done.stdout.split() == [str(may_schedule_in_real_time()), 'False'], done.stderr
 
 
-def test_a_robot_asks_for_room_and_takes_it_in_one_turn(monkeypatch, tmp_path):
+def test_robot_requests_and_reserves_processor_time_in_one_turn(monkeypatch, tmp_path):
     order = []
 
     def note(what, answer):
@@ -362,7 +362,7 @@ sys.exit(node_process.run([fail] * int(sys.argv[1]), []))
 
 
 @pytest.mark.parametrize('nodes', [1, 2])
-def test_process_knows_if_its_node_is_alone_and_why_it_cannot_begin(nodes):
+def test_process_detects_a_second_node_and_reports_a_failed_start(nodes):
     done = run_python(ALONE, str(nodes))
     assert done.stdout == f'{nodes == 1}\n'
     assert done.stderr == 'error: no node today\n'
@@ -372,7 +372,7 @@ def test_process_knows_if_its_node_is_alone_and_why_it_cannot_begin(nodes):
 # what a bring-up refuses before the first process starts
 
 
-def test_a_bring_up_rejects_what_cannot_work_before_anything_starts(tmp_path):
+def test_bring_up_rejects_invalid_options_before_the_first_process_starts(tmp_path):
     (tmp_path / 'bag').mkdir()
     with pytest.raises(RunError, match='bag: it exists already'):
         Bringup(Options(program=None, bag=tmp_path / 'bag'))

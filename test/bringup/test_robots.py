@@ -133,7 +133,7 @@ def test_namespaces_are_below_the_prefix() -> None:
     assert bag_of(Path('bags'), '/hall/robot3') == Path('bags/robot3')
 
 
-def test_ten_robots_find_each_other_and_what_is_more_is_rejected_with_what_is_possible() -> None:
+def test_ten_robots_discover_each_other_and_more_are_rejected_with_the_limit() -> None:
     single = Options(program=None, single_process=True)
     require_room(10, single, page=False)
     with pytest.raises(RunError, match=r'11 robots would have 33 participants.* 10 robots are possible'):
@@ -144,7 +144,7 @@ def test_ten_robots_find_each_other_and_what_is_more_is_rejected_with_what_is_po
         require_room(5, Options(program=None), page=False)
 
 
-def test_common_error_is_reported_before_anything_starts(tmp_path: Path) -> None:
+def test_common_error_is_reported_before_the_first_process_starts(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="namespace '/cell 2/robot1' is not valid"):
         Robots([Options(program=None, namespace='/cell 2/robot1')], False, None, 0.0)
     (tmp_path / 'robot2').mkdir()
@@ -154,7 +154,7 @@ def test_common_error_is_reported_before_anything_starts(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(('permitted', 'asks'), [(True, 1), (False, 0)])
-def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, monkeypatch, tmp_path):
+def test_processor_time_is_requested_once_for_all_robots(permitted, asks, monkeypatch, tmp_path):
     asked, given, said, turn = [], [], [], []
 
     class Ready:

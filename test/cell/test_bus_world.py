@@ -103,7 +103,7 @@ def test_an_mdt_that_is_lost_leaves_the_outputs_as_they_were(bench):
     assert seen == [0, 1, 1, 0]
 
 
-def test_inputs_go_out_with_their_own_cycle(bench):
+def test_inputs_are_sent_in_their_own_cycle(bench):
     bench.run(6)
     assert [bench.inputs[cycle]['start'] for cycle in range(6)] == [False, False, False, True, True, True]
 
@@ -114,13 +114,13 @@ def test_a_cell_without_inputs_sends_none():
     assert bench.inputs == {}
 
 
-def test_what_hangs_at_the_robot_is_what_the_cup_holds(bench):
+def test_payload_of_the_robot_is_the_part_held_by_the_cup(bench):
     assert bench.run(5) == 0.0
     assert bench.run(20, outputs=1) == 0.5
     assert bench.run(20, outputs=0) == 0.0
 
 
-def test_bus_time_that_the_plant_was_not_in_goes_by_with_the_robot_at_rest(bench):
+def test_bus_time_without_the_plant_elapses_with_the_robot_at_rest(bench):
     bench.run(2)
     bench.around.begin(50)
     bench.around.step(50, PICK)
@@ -193,7 +193,7 @@ def part(number, **values):
     return replace(record, place_error_m=(1e-3 * number, 0.0, 0.0), **values).to_document()
 
 
-def test_a_log_keeps_what_is_not_over_and_adds_up_the_oldest_of_the_rest():
+def test_log_keeps_active_entries_and_sums_the_oldest_finished_ones():
     parts = [part(0, outcome=Outcome.WAITING), *(part(number) for number in (3, 1, 2, 4))]
     log, whole = PartsLog(kept_max=3), PartsLog()
     for n, one in enumerate(parts):
@@ -210,7 +210,7 @@ def test_a_log_keeps_what_is_not_over_and_adds_up_the_oldest_of_the_rest():
         assert found[name] == wanted[name]
 
 
-def test_the_greatest_error_of_parts_that_are_added_up_counts_whenever_they_came():
+def test_largest_error_of_summed_parts_is_kept_in_any_order():
     for order in ((9, 3, 1, 2, 4), (1, 9, 3, 2, 4), (1, 2, 3, 4, 9)):
         log, whole = PartsLog(kept_max=2), PartsLog()
         for number in order:
@@ -283,7 +283,7 @@ def test_a_log_of_a_nameless_cell_is_rejected(about):
         PartsLog().add(json.dumps(told | about))
 
 
-def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
+def test_externally_forced_input_is_valid_until_its_release(bench):
     bench.run(1)
     assert bench.around.force('start', True) == 'start is on from bus cycle 1 on'
     bench.run(1)

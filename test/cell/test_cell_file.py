@@ -75,12 +75,12 @@ def test_cell_file_is_read_in_si_units():
     assert cell.input_names == ('there', 'start', 'vacuum')
 
 
-def test_an_empty_cell_has_nothing():
+def test_empty_cell_has_no_elements():
     cell = read('{}')
     assert (cell.cup, cell.inputs, cell.parts, cell.faults) == (None, {}, {}, ())
 
 
-def test_places_of_a_box_are_counted_along_x_first_and_a_point_belongs_to_the_nearest():
+def test_places_of_a_box_are_counted_along_x_first_and_a_point_maps_to_the_nearest():
     tray = read(WHOLE).boxes['tray']
     assert tray.place_m(0) == (0.1, -0.05, -0.88)
     assert tray.place_m(4) == pytest.approx((0.17, -0.1, -0.88))
@@ -191,6 +191,6 @@ def test_the_cup_has_the_delays_of_its_output_and_programs_its_name():
     assert names['output1'] == NamedOutput('output1')
 
 
-def test_the_valve_of_the_cup_is_what_delays_its_output():
+def test_valve_of_the_cup_delays_its_output():
     cell = read('cup: {output: gripper, diameter_mm: 40, vacuum_pa: 60000, valve: {on_s: 0.01, off_s: 0.02}}')
     assert cell.output_names['gripper'] == NamedOutput('gripper', 0.01, 0.02)

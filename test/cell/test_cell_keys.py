@@ -98,7 +98,7 @@ def like(section, key, number):
 
 
 @pytest.mark.parametrize('section', WHERE)
-def test_the_table_has_every_key_that_the_reader_takes(section):
+def test_table_has_every_key_of_the_reader(section):
     with pytest.raises(CellError) as told:
         cell_file.parse(changed(section, 'nonsense', 1))
     (known,) = re.findall(r"unknown key 'nonsense', expected one of ([\w, ]+)", str(told.value))

@@ -45,7 +45,7 @@ def over(x, z=-0.85, y=0.0):
     return (x, y, z)
 
 
-def test_a_part_goes_with_the_tcp_and_lies_where_it_was_let_go_until_it_is_taken_away():
+def test_part_follows_the_tcp_and_stays_at_its_release_until_removal():
     world = world_of()
     there, beside = over(-0.1), over(0.103)
     ways = [(there, there, ON, 60), (there, over(0.103, -0.849, 0.002), ON, 900)]
@@ -113,7 +113,7 @@ def test_a_part_that_is_put_on_a_belt_rides_on_it():
 
 
 @pytest.mark.parametrize('how', ['lost', 'above nothing', 'too fast'])
-def test_a_part_that_fell_is_gone(how):
+def test_fallen_part_is_removed(how):
     world = world_of()
     there, nothing = over(-0.1), over(-0.1, y=0.3)
     ways = [(there, there, ON, 60), (there, nothing, ON, 5 if how == 'too fast' else 900)]

@@ -25,7 +25,7 @@ def test_signal_has_its_delay_on_and_off():
     assert told == [False, *[False] * 3, *[True] * 3, True, False, False]
 
 
-def test_without_a_delay_a_signal_is_what_it_follows():
+def test_signal_without_a_delay_equals_its_source():
     follower = signal()
     values = [True, False, True, True, False]
     assert [follower.step(value) for value in values] == values
@@ -36,7 +36,7 @@ def test_a_change_that_is_shorter_than_its_delay_has_no_effect():
     assert not any(follower.step(value) for value in [True, True, False] * 10)
 
 
-def test_a_signal_that_bounces_goes_to_and_fro_and_then_holds():
+def test_bouncing_signal_toggles_and_then_holds():
     told = [follower.step(True) for follower in [signal(bounce_s=0.02)] for _ in range(60)]
     assert 3 < sum(told[:20]) < 17
     assert all(told[20:])
@@ -55,14 +55,14 @@ def test_the_vacuum_builds_up_and_decays_with_its_time_constants():
     assert vacuum.pressure_pa == pytest.approx(6e4 * share / math.e, rel=1e-12)
 
 
-def test_a_cup_on_nothing_reaches_its_share_of_the_vacuum_only():
+def test_cup_without_a_part_reaches_a_share_of_the_vacuum():
     vacuum = Vacuum(CUP, CYCLE_S)
     for _ in range(200):
         vacuum.step(opened=True, closed_by_part=False)
     assert vacuum.pressure_pa == pytest.approx(6e3)
 
 
-def test_without_time_constants_the_vacuum_is_there_at_once():
+def test_vacuum_without_time_constants_is_immediate():
     vacuum = Vacuum(Cup('gripper', 0.04, 6e4), CYCLE_S)
     assert vacuum.step(opened=True, closed_by_part=True) == pytest.approx(75.398, rel=1e-5)
     assert vacuum.step(opened=False, closed_by_part=True) == 0.0
@@ -72,7 +72,7 @@ def test_at_rest_a_part_needs_its_weight():
     assert force_needed_n(0.5, 0.5, (0.0, 0.0, 0.0)) == pytest.approx((4.903325, 4.903325))
 
 
-def test_sideways_the_friction_has_to_hold_a_part_with_what_its_weight_leaves():
+def test_lateral_holding_force_is_friction_of_the_force_left_by_the_weight():
     # 0.5 kg at 30 m/s2 sideways: 15 N, for which friction of 0.5 asks for 30 N more
     needed, normal = force_needed_n(0.5, 0.5, (18.0, -24.0, 0.0))
     assert needed - normal == pytest.approx(30.0)

@@ -87,7 +87,7 @@ def test_part_is_picked_carried_and_placed_and_its_record_has_the_errors():
     assert part.hold_use == part.hold_needed_n / part.hold_force_n
 
 
-def test_the_mass_hangs_at_the_robot_from_the_taking_to_the_letting_go():
+def test_payload_acts_on_the_robot_from_grip_to_release():
     hand = Hand()
     masses = []
     for output in (ON, OFF):
@@ -187,7 +187,7 @@ def test_vacuum_that_fails_in_the_air_loses_the_part():
     assert short.parts[0].picked_cycle == 50
 
 
-def test_a_part_let_go_too_high_is_dropped_and_one_pressed_down_too():
+def test_part_released_too_high_or_too_low_is_dropped():
     high, low, beside = Hand(), Hand(), Hand()
     high.pick_and_place((0.1, 0.0, -0.84))
     low.pick_and_place((0.1, 0.0, -0.853))
@@ -236,7 +236,7 @@ def test_next_part_arrives_after_its_interval_until_the_last():
     assert hand.world.report()['missed'] == 1
 
 
-def test_a_sensor_sees_parts_that_lie_there_and_those_that_are_carried_past():
+def test_sensor_detects_resting_and_carried_parts():
     hand = Hand()
     seen = []
     for _ in range(3):
@@ -255,7 +255,7 @@ def test_inputs_change_at_their_times_after_the_start_of_the_program():
     assert [cycle for cycle, value in enumerate(told) if value] == list(range(17, 25))
 
 
-def test_stuck_input_reports_the_same_value_whatever_the_truth():
+def test_stuck_input_reports_the_same_value_for_any_true_value():
     stuck = {'fault': 'input_stuck', 'input': 'vacuum', 'value': False, 'after_s': 0.05, 'for_s': 0.02}
     told = Hand(DOCUMENT | {'faults': [stuck]}).stay(ON, 100)
     assert told[49:71] == [True, *[False] * 20, True]

@@ -31,7 +31,7 @@ from delta3_pacdrive.planning.program import file_reader as program_file
         (['fit', '--simulate', 'rich', '--columns', 'c.yaml'], '--columns requires a table of measurements'),
     ],
 )
-def test_what_it_cannot_obey_is_a_usage_error(arguments, sentence, capsys, tmp_path, monkeypatch):
+def test_invalid_options_are_a_usage_error(arguments, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match='2'):
         calibrate.main(arguments)
@@ -50,7 +50,7 @@ def test_what_it_cannot_obey_is_a_usage_error(arguments, sentence, capsys, tmp_p
         (['plan', '--parameters', 'nowhere.yaml'], 'cannot read parameter file nowhere.yaml'),
     ],
 )
-def test_what_cannot_be_calibrated_is_one_sentence_and_status_1(
+def test_impossible_calibration_gives_one_message_and_status_1(
     arguments, sentence, capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

@@ -51,7 +51,7 @@ def test_signals_of_a_cell_are_in_the_trace_on_request(files):
         ),
     ],
 )
-def test_what_a_cell_is_not_for_is_rejected(files, arguments, told, capsys):
+def test_options_incompatible_with_a_cell_are_rejected(files, arguments, told, capsys):
     with pytest.raises(SystemExit):
         simulate.main(['p.yaml', *arguments])
     assert told in capsys.readouterr().err

@@ -78,7 +78,7 @@ def test_negative_number_is_not_read_as_option(text):
     assert read('go', '--pose', text, text).pose == [float(text)] * 2
 
 
-def test_what_is_given_is_what_is_not_as_it_is_by_default():
+def test_given_options_are_those_that_differ_from_the_default():
     assert read('go').given() == ['ACTION']
     assert read('go', '--speed', '0').given() == ['ACTION']
     assert read('go', '1', '--speed', '2', '-s', 'x').given() == ['ACTION', 'INPUT', '--speed', '--set']
@@ -88,7 +88,7 @@ def test_what_is_given_is_what_is_not_as_it_is_by_default():
     ('arguments', 'name'),
     [(['go', ''], 'INPUT'), (['go', '-s', ''], '--set/-s'), (['go', '--set', 'a', '--set='], '--set/-s')],
 )
-def test_what_is_empty_is_rejected_by_name(arguments, name, capsys):
+def test_empty_argument_is_rejected_by_name(arguments, name, capsys):
     with pytest.raises(SystemExit) as end:
         read(*arguments)
     assert end.value.code == 2

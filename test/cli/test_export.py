@@ -25,7 +25,7 @@ def test_the_model_is_printed(name, capsys, robot):
 
 
 @pytest.mark.parametrize('name', MODELS)
-def test_the_model_goes_into_a_file(name, tmp_path, capsys, robot):
+def test_model_is_written_to_a_file(name, tmp_path, capsys, robot):
     assert export.main([name, '--output', str(tmp_path / 'model.xml')]) == 0
     assert capsys.readouterr().out == ''
     assert (tmp_path / 'model.xml').read_text() == MODELS[name](robot)
@@ -59,7 +59,7 @@ def test_unwritable_file_and_unknown_format_are_one_sentence(tmp_path, capsys):
     assert "invalid choice: 'sdf'" in capsys.readouterr().err
 
 
-def test_a_model_that_has_no_room_leaves_the_old_one_and_nothing_else(tmp_path, capsys):
+def test_full_disk_keeps_the_old_model_and_leaves_no_other_file(tmp_path, capsys):
     path = tmp_path / 'model.urdf'
     path.write_text('the old one')
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -74,7 +74,7 @@ def test_a_model_that_has_no_room_leaves_the_old_one_and_nothing_else(tmp_path, 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_model_that_goes_to_a_pipe_leaves_it_a_pipe(tmp_path, robot):
+def test_model_written_to_a_pipe_keeps_the_pipe(tmp_path, robot):
     path = tmp_path / 'pipe'
     os.mkfifo(path)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -102,7 +102,7 @@ def traced(tmp_path):
 
 
 @pytest.mark.parametrize('ending', ['csv', 'npz', 'parquet'])
-def test_signals_go_into_each_kind_of_file_to_the_last_bit(ending, tmp_path, capsys):
+def test_signals_are_written_losslessly_to_each_kind_of_file(ending, tmp_path, capsys):
     if ending == 'parquet':
         pytest.importorskip('pyarrow')
     trace, output = traced(tmp_path), tmp_path / f'out.{ending}'
@@ -155,7 +155,7 @@ def test_a_file_that_exists_is_replaced_on_request_only(tmp_path, capsys):
         (['trace', 'run.npz', '--output', 'a.csv', '--signals', ','], 'at least one signal is required'),
     ],
 )
-def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):
+def test_incompatible_options_are_a_usage_error(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as ended:
         export.main(arguments)
     assert ended.value.code == 2
@@ -175,7 +175,7 @@ def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):
         (['--output', 'out.csv', '--from', '9'], 'no cycle of that window'),
     ],
 )
-def test_what_cannot_be_had_is_one_sentence_and_leaves_no_file(
+def test_unavailable_export_gives_one_message_and_leaves_no_file(
     options, sentence, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)

@@ -28,9 +28,7 @@ def spec(tmp_path, monkeypatch):
         (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
     ],
 )
-def test_options_that_do_not_go_together_are_rejected_in_one_sentence(
-    options, sentence, spec, tmp_path, capsys
-):
+def test_incompatible_options_are_rejected_with_one_message(options, sentence, spec, tmp_path, capsys):
     assert main(['optimise', spec, *options]) == 1
     told = capsys.readouterr().err
     assert sentence in told
@@ -38,7 +36,7 @@ def test_options_that_do_not_go_together_are_rejected_in_one_sentence(
     assert sorted(path.name for path in tmp_path.iterdir()) == ['own.yaml']
 
 
-def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
+def test_absent_file_is_rejected_with_one_message(spec, capsys):
     assert main(['optimise', 'other.yaml']) == 1
     assert (
         capsys.readouterr().err == 'error: cannot read optimisation other.yaml: No such file or directory\n'

@@ -187,7 +187,7 @@ EXCITE = {
 
 
 @pytest.mark.parametrize('arguments', EXCITE, ids=' '.join)
-def test_an_option_of_an_excitation_reaches_it_and_changes_nothing_else(arguments, excited):
+def test_excitation_option_affects_only_its_own_value(arguments, excited):
     default, chosen = excited(), excited(*arguments)
     changed = {key: value for key, value in chosen.items() if value != default[key]}
     assert list(changed.values()) == list(EXCITE[arguments].values())
@@ -322,7 +322,7 @@ def test_options_of_simulate_reach_the_simulation(simulated):
 
 
 @pytest.mark.parametrize('name', ['a.npz', 'a.csv'])
-def test_the_trace_of_a_simulation_is_the_file_that_was_asked_for(name, tmp_path, capsys):
+def test_trace_of_a_simulation_is_the_requested_file(name, tmp_path, capsys):
     program = tmp_path / 'p.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.0, 0.0, -0.76]}}]\n', encoding='utf-8')
     arguments = [str(program), '--trace', str(tmp_path / name), '--exchange-period', '250e-6', '--json']

@@ -119,7 +119,7 @@ def test_a_script_names_the_statements_of_a_sequence_by_their_lines(tmp_path, ca
         'moves: [{move_l: {to_m: [0.1, x, 0]}}]',
     ],
 )
-def test_a_program_that_cannot_be_planned_is_rejected_as_check_rejects_it(text, tmp_path, capsys):
+def test_unplannable_program_is_rejected_as_check_rejects_it(text, tmp_path, capsys):
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
     assert check.main([str(path)]) == 1
@@ -134,7 +134,7 @@ def test_a_program_that_cannot_be_planned_is_rejected_as_check_rejects_it(text, 
     )
 
 
-def test_check_reports_each_error_separately_whatever_its_text(tmp_path, capsys):
+def test_check_reports_each_error_separately_with_any_text(tmp_path, capsys):
     path = tmp_path / 'back.yaml'
     path.write_text(
         'moves:\n- move_l: {to_m: [0.1, 0, -0.8], blend_m: 0.02}\n- move_l: {to_m: [0, 0, -0.8]}\n'
@@ -164,9 +164,7 @@ def test_limits_of_each_move_are_reported_on_request(tmp_path, capsys):
 
 
 @pytest.mark.parametrize('folder', ['file', 'file/plan', '/proc/plan'])
-def test_a_folder_that_cannot_be_is_rejected_before_anything_is_planned(
-    folder, tmp_path, monkeypatch, capsys
-):
+def test_impossible_folder_is_rejected_before_planning(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(evaluation, 'of_program', None)
     (tmp_path / 'file').touch()

@@ -51,7 +51,7 @@ def test_column_file_defines_a_third_party_trajectory(here, capsys):
     assert figures[0] == figures[1]
 
 
-def test_what_the_robot_cannot_do_is_rejected_with_time_and_place(here, capsys):
+def test_impossible_reference_is_rejected_with_time_and_place(here, capsys):
     run = Trace.load('run.npz')
     trace_file.save(Trace(3.0 + 0.1 * run.time_s, {'tcp_command': run['tcp_command']}), 'fast.csv')
     assert main(['simulate', '--reference', 'fast.csv', '--json']) == 1
@@ -77,7 +77,7 @@ def test_options_that_do_not_fit_are_a_usage_error(command, arguments, sentence,
     assert sentence in capsys.readouterr().err
 
 
-def test_a_file_that_is_not_there_gets_one_sentence(here, capsys):
+def test_absent_file_is_rejected_with_one_message(here, capsys):
     assert main(['simulate', '--reference', 'nothing.csv']) == 1
     assert capsys.readouterr().err == 'error: there is no recording nothing.csv\n'
 

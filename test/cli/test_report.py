@@ -51,7 +51,7 @@ def test_folder_with_bags_of_several_robots_expands_to_all(here, capsys):
     assert 'it is not a bag' in capsys.readouterr().err
 
 
-def test_report_shows_the_part_that_is_asked_for(here, trace, capsys):
+def test_report_shows_the_requested_section(here, trace, capsys):
     capsys.readouterr()
     assert main(['report', 'a.npz', '--from', '0.2', '--to', '0.4', '--json']) == 0
     result = json.loads(capsys.readouterr().out)
@@ -140,7 +140,7 @@ def test_gap_in_one_of_two_runs_is_reported(here, trace, capsys):
     assert '5 cycles were not compared: they are in one run only' in told
 
 
-def test_plot_names_the_starts_of_a_trace_without_its_own(here, capsys):
+def test_plot_names_the_program_starts_of_a_trace_without_an_own_start(here, capsys):
     time_s = np.arange(50) * 1e-3
     meta = {'cycle_time_s': 1e-3, 'starts': [10, 30], 'gear_ratio': 32.0}
     Trace(time_s, {'current': np.zeros((50, 3))}, meta).save(here / 'c.npz')
@@ -172,7 +172,7 @@ def test_plot_names_the_starts_of_a_trace_without_its_own(here, capsys):
         (['compare', 'experiment1', 'missing.npz'], 'there is no recording missing.npz'),
     ],
 )
-def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, arguments, sentence, capsys):
+def test_invalid_input_of_a_report_gives_one_message_and_leaves_no_file(here, arguments, sentence, capsys):
     (here / 'torn.npz').write_bytes(b'PK\x03\x04 torn')
     (here / 'notes.md').write_text('# A page\n\nNo program: at all\n', encoding='utf-8')
     (here / 'empty').mkdir()
@@ -192,7 +192,7 @@ def test_what_cannot_be_shown_gets_one_sentence_and_leaves_nothing(here, argumen
 @pytest.mark.parametrize('name', ['huge.npz', 'huge.csv'])
 @pytest.mark.parametrize('command', ['report', 'compare'])
 @pytest.mark.filterwarnings('error')
-def test_numbers_that_nothing_could_be_computed_from_are_rejected(command, name, here, trace, capsys):
+def test_numbers_outside_the_computable_range_are_rejected(command, name, here, trace, capsys):
     run = Trace.load(trace)
     signals = {key: values.copy() for key, values in run.signals.items()}
     signals['current'][500:600] = -1e300

@@ -83,7 +83,7 @@ RUN = {
 
 
 @pytest.mark.parametrize('arguments', RUN, ids=' '.join)
-def test_an_option_of_run_reaches_the_bring_up_and_changes_nothing_else(arguments, brought_up):
+def test_run_option_affects_only_its_own_value_of_the_bring_up(arguments, brought_up):
     default, chosen = brought_up(), brought_up(*arguments)
     assert default.program == FOLDER / 'programs/experiment1.yaml'
     assert changed(default, chosen) == RUN[arguments]
@@ -119,7 +119,7 @@ def test_the_page_of_a_run_is_started_at_its_port_for_its_robot(more, port, monk
 
 
 @pytest.mark.parametrize('step', [False, True])
-def test_a_script_asks_before_each_move_where_that_is_wanted(step, brought_up, monkeypatch, tmp_path):
+def test_script_in_step_mode_asks_before_each_move(step, brought_up, monkeypatch, tmp_path):
     from delta3_pacdrive.bringup import bringup
 
     class Bringup:

@@ -48,7 +48,7 @@ def test_a_run_that_is_looked_into_is_the_same_and_agrees_with_its_trace(capsys)
     assert found['time'][0] == 62.5e-6
 
 
-def test_a_program_triggers_with_what_was_before_it(capsys):
+def test_program_trigger_records_samples_before_it(capsys):
     result = simulated(
         capsys, '--scope', 'axis1.program,axis3.speed', '--trigger', 'program', '--pre-trigger', '0.02',
         '--duration', '0.1', '--scope-output', 'scope.csv', '--plot', 'scope.png',
@@ -94,7 +94,7 @@ def test_a_report_holds_figure_and_file_of_each_record_with_a_row_on_its_page(tm
 
 
 @pytest.mark.long
-def test_a_report_of_a_run_that_fails_shows_what_was_recorded(tmp_path, capsys):
+def test_report_of_a_failed_run_shows_the_recorded_part(tmp_path, capsys):
     text = 'moves:\n- dwell: {time_s: 0.5}\nfaults:\n- {fault: winding_short, axis: axis2, after_s: 0.1}\n'
     (tmp_path / 'fault.yaml').write_text(text)
     options = '--scope', 'axis2.current', '--trigger', 'fault', '--duration', '0.05', '--report', 'run'
@@ -141,7 +141,7 @@ def test_normal_numbers_its_records_and_old_ones_are_replaced_only_on_request(ca
         ),
     ],
 )
-def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
+def test_unrecordable_channel_is_rejected_with_one_message(options, sentence, capsys):
     assert sentence in simulated(capsys, *options, status=1)['error']
 
 
@@ -162,7 +162,7 @@ def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
         (('--scope', 'axis1.current', '--rate', '20000'), 'must be a number between 1 and 16000 Hz'),
     ],
 )
-def test_options_that_do_not_fit_are_rejected_at_once(options, sentence, capsys):
+def test_incompatible_options_are_rejected_immediately(options, sentence, capsys):
     with pytest.raises(SystemExit) as end:
         main(['simulate', 'experiment3', *options])
     assert end.value.code == 2

@@ -80,7 +80,7 @@ def main(robot):
 
 
 @pytest.mark.parametrize('command', ['simulate', 'plan'])
-def test_json_alone_is_on_standard_output_whatever_the_script_prints(
+def test_standard_output_contains_only_json_with_any_output_of_the_script(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / 'pick.py').write_text(TALKATIVE)

@@ -23,7 +23,7 @@ from delta3_pacdrive.cli.main import main
         ('learn', '--parameters', 'model', '--output', '{}'),
     ],
 )
-def test_what_a_study_cannot_write_is_rejected_before_anything_is_computed(
+def test_unwritable_output_of_a_study_is_rejected_before_computation(
     arguments, tmp_path, monkeypatch, capsys
 ):
     def compute(*_):
@@ -61,9 +61,7 @@ def test_proposed_and_applied_gains_are_in_one_document(tmp_path, monkeypatch, c
     assert told['applied'].startswith(f'{file}: position_gain_rad_s_rad = 49.77')
 
 
-def test_a_file_that_gains_cannot_go_into_is_rejected_before_they_are_looked_for(
-    tmp_path, monkeypatch, capsys
-):
+def test_file_unsuited_for_gains_is_rejected_before_the_search(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
     monkeypatch.setattr('delta3_pacdrive.studies.drives.tuning.run.Study', _Found)
     output = tmp_path / 'tuning'

@@ -339,7 +339,7 @@ def test_the_effect_of_gains_is_printed_in_thousandths_of_a_degree_and_micrometr
     assert 'after stops: axis1 trips' in lines
 
 
-def test_what_disturbs_a_drive_and_what_has_changed_are_printed(tuned):
+def test_disturbances_of_a_drive_and_changes_are_printed(tuned):
     lines = tuned()
     assert (
         'now the shaft deflects by 1.432 deg after 16.7 ms and returns to within 5 % after 95.6 ms; '
@@ -406,9 +406,7 @@ def test_deviations_are_printed_peak_first_exact_first(monkeypatch, capsys):
 # experiment
 
 
-def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains_them(
-    monkeypatch, tmp_path, capsys
-):
+def test_signals_of_an_experiment_are_printed_model_first_with_their_causes(monkeypatch, tmp_path, capsys):
     row = {
         'text': 'TCP position',
         'column': 'all',

@@ -59,7 +59,7 @@ def test_table_has_a_row_per_robot_with_its_activity():
         (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would require port 65536'),
     ],
 )
-def test_what_does_not_fit_several_robots_is_rejected(arguments, sentence, capsys):
+def test_options_for_a_single_robot_are_rejected_with_several(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as end:
         up.main(arguments)
     assert end.value.code == 2

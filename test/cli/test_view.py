@@ -88,7 +88,7 @@ def test_options_that_do_not_fit_are_a_usage_error(arguments, sentence, capsys):
     assert sentence in capsys.readouterr().err
 
 
-def test_a_robot_takes_a_port_only_for_its_page(capsys):
+def test_robot_opens_a_port_only_for_its_page(capsys):
     with pytest.raises(SystemExit):
         main(['up', '--view-port', '0'])
     assert '--view-port is 0, but must be between 1 and 65535' in capsys.readouterr().err
@@ -124,7 +124,7 @@ def shown(tmp_path, monkeypatch, capsys, own_ports):
     return show
 
 
-def test_a_page_is_served_at_the_address_that_is_asked_for_and_at_no_other(shown):
+def test_page_is_served_at_the_requested_address_only(shown):
     with socket.socket() as other:
         other.bind(('', 0))
         port = other.getsockname()[1]  # that nobody has at any address
@@ -142,7 +142,7 @@ def test_a_page_is_served_at_the_address_that_is_asked_for_and_at_no_other(shown
     assert elsewhere == (f'http://127.0.0.2:{port}', ['127.0.0.2'])
 
 
-def test_a_page_begins_dark_where_that_is_asked_for_and_light_elsewhere(shown, monkeypatch):
+def test_page_starts_dark_on_request_and_light_by_default(shown, monkeypatch):
     import viser
 
     plain, themes = viser.GuiApi.configure_theme, queue.Queue()
@@ -164,9 +164,7 @@ def test_a_page_begins_dark_where_that_is_asked_for_and_light_elsewhere(shown, m
     assert shown('--dark', look=until_dark)[1]
 
 
-def test_the_page_is_opened_in_the_browser_of_the_desktop_only_if_that_is_asked_for(
-    shown, monkeypatch, tmp_path, capsys
-):
+def test_page_is_opened_in_the_desktop_browser_only_on_request(shown, monkeypatch, tmp_path, capsys):
     opened = []
 
     class Browser:
@@ -188,7 +186,7 @@ def test_the_page_is_opened_in_the_browser_of_the_desktop_only_if_that_is_asked_
     assert f'no browser available to open {url}' in capsys.readouterr().err
 
 
-def test_a_robot_is_waited_for_as_long_as_it_takes_only_if_that_is_asked_for(monkeypatch, capsys, own_ports):
+def test_waiting_for_a_robot_is_unlimited_on_request_only(monkeypatch, capsys, own_ports):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     from delta3_pacdrive.ros.clients import live_view
 

@@ -92,7 +92,7 @@ def test_inapplicable_option_is_a_usage_error(arguments, capsys):
         ),
     ],
 )
-def test_what_cannot_be_done_is_rejected_before_anything_is_computed_or_made(
+def test_impossible_request_is_rejected_before_computation_and_writing(
     arguments, sentence, capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

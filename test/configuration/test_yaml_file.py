@@ -42,7 +42,7 @@ from thoroughness import examples
         ('!!str 5', '5'),
     ],
 )
-def test_scalars_are_what_they_look_like(text, value):
+def test_scalars_have_their_apparent_type(text, value):
     found = yaml_file.parse(f'a: {text}', 'it', ProgramError)['a']
     assert type(found) is type(value)
     assert found == value
@@ -59,7 +59,7 @@ def test_scalars_are_what_they_look_like(text, value):
         ('a: ' + '9' * 5000, 'is not valid YAML'),
     ],
 )
-def test_what_yaml_has_and_programs_do_not_need_is_rejected(text, reason):
+def test_yaml_features_outside_programs_are_rejected(text, reason):
     assert reason in refusal(yaml_file.parse, text, 'it', ProgramError)
 
 
@@ -115,7 +115,7 @@ JSON_DOCUMENTS = st.recursive(
 
 @settings(max_examples=examples(200))
 @given(JSON_DOCUMENTS)
-def test_every_json_document_is_read_as_what_it_is(document):
+def test_every_json_document_is_read_with_its_types(document):
     text = json.dumps(document, ensure_ascii=False)
     read = yaml_file.parse(text, 'it', ProgramError)
     assert (

@@ -75,7 +75,7 @@ def test_operator_stops_a_robot_on_a_belt_and_the_script_continues(node, called)
 
 
 @pytest.mark.parametrize('ask', ['hold', 'abort'])
-def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called, ask):
+def test_robot_that_follows_a_belt_without_moves_is_stopped_too(node, called, ask):
     gets_on(called)
     called.wait_time(0.1)
     assert node.controller.state.motion is MotionState.IDLE
@@ -116,7 +116,7 @@ def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, calle
     )  # fmt: skip
 
 
-def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(robot, node, called):
+def test_robot_accepts_moves_again_after_an_emergency_stop_on_a_belt(robot, node, called):
     gets_on(called)
     controller = node.controller
     controller.state.emergency_stop()
@@ -206,7 +206,7 @@ def test_unused_command_does_not_apply_to_the_next_part(node, called, robot):
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
 
 
-def test_a_plan_that_gets_on_a_belt_without_an_order_is_held(node, called, robot):
+def test_plan_that_synchronizes_without_an_order_is_held(node, called, robot):
     node.instead[TRACK] = lambda _: ''
     pick(called)
     with pytest.raises(scripting.ScriptError, match='but no belt has been selected') as lost:
@@ -309,7 +309,7 @@ def test_command_in_transit_does_not_undo_the_stop_of_an_operator(node, called):
     assert node.controller.task.tracking.free
 
 
-def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_any_more(node, called):
+def test_script_that_catches_the_stop_of_an_operator_takes_no_more_actions_on_the_belt(node, called):
     block = gets_on(called)
     called.wait_time(0.1)
     assert isinstance(node.controller.scripts.hold(), str)
@@ -329,7 +329,7 @@ def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_
     assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
 
 
-def test_script_without_control_gets_an_error_in_its_block(node, called):
+def test_script_without_control_raises_an_error_in_its_block(node, called):
     block = gets_on(called)
     node.controller.control.release(node.identity)
     node.controller.poll(1.0)
@@ -365,7 +365,7 @@ def test_a_script_that_gives_up_while_an_operator_holds_gives_up_again(node, cal
     assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
 
 
-def test_late_command_leaves_nothing(node, called, monkeypatch):
+def test_late_command_leaves_no_state(node, called, monkeypatch):
     monkeypatch.setattr(ConnectedLink, 'extra_cycles', 30)  # as with a clock
     order = node.order
 
@@ -383,7 +383,7 @@ def test_late_command_leaves_nothing(node, called, monkeypatch):
         assert not node.stands()
 
 
-def test_what_was_before_a_script_does_not_concern_it(node, called, robot):
+def test_belt_events_before_a_script_do_not_affect_it(node, called, robot):
     tracking = node.controller.task.tracking
     tracking.observe(tracking.observed.cycle + 1, [BeltReading(10**6)])
     pick(called)

@@ -128,7 +128,7 @@ def test_set_points_are_the_same_bits_with_and_without_torque(robot, model):
     np.testing.assert_array_equal(*commands)
 
 
-def test_a_payload_is_in_the_torque_of_the_cycle_in_which_the_plant_takes_it(model):
+def test_payload_is_included_in_the_torque_of_the_cycle_in_which_it_is_gripped(model):
     """The torque of MDT(k) is reached where the payload of MDT(k + 1) begins to hang at the plate."""
     moves = [
         {'dwell': {'time_s': 0.05}},
@@ -195,7 +195,7 @@ def test_a_stop_on_the_path_has_the_torque_of_its_deceleration(model):
     np.testing.assert_allclose(torques[-1], weight, atol=1e-5)
 
 
-def test_unreachable_position_has_no_torque_and_leaves_none(model):
+def test_unreachable_position_has_no_torque_and_no_later_effect(model):
     task, _ = started(model)
     torques_of(task, 5)
     task.state['tcp'] = [0.0, 0.0, -3.0]
@@ -215,7 +215,7 @@ def shafts_of(task, cycles):
     return np.array([task.command(k).motors.copy() for k in range(task.next_cycle, cycles)]) / GEAR
 
 
-def test_shafts_are_ahead_of_their_arms_by_what_elastic_gears_give(robot):
+def test_shafts_lead_their_arms_by_the_deflection_of_elastic_gears(robot):
     elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
     task, plan = started(elastic)
     shafts = shafts_of(task, task.end_cycle)
@@ -239,7 +239,7 @@ def test_robot_located_with_elastic_gears_is_held_in_place(robot):
     np.testing.assert_allclose(theta - located, weight / STIFFNESS, atol=2.0 * INCREMENT)
 
 
-def test_what_is_gripped_winds_elastic_gears_up_with_the_cycle_in_which_it_hangs_there(robot):
+def test_payload_deflects_elastic_gears_from_the_cycle_of_its_grip_on(robot):
     elastic = robot.replace(control__gear_stiffness_n_m_rad=STIFFNESS)
     moves = [
         {'dwell': {'time_s': 0.02}},
@@ -261,7 +261,7 @@ def test_what_is_gripped_winds_elastic_gears_up_with_the_cycle_in_which_it_hangs
     np.testing.assert_allclose(shafts[-1] - shafts[START], (full - empty) / STIFFNESS, atol=2.0 * INCREMENT)
 
 
-def test_set_points_go_from_flank_to_flank_of_a_gear_with_its_torque(robot):
+def test_set_points_move_between_the_flanks_of_a_gear_with_its_torque(robot):
     """A gear that hangs on one flank is ahead by half of its backlash."""
     lost = 4e-4
     task, plan = started(robot.replace(control__gear_backlash_rad=lost))

@@ -41,7 +41,7 @@ def test_places_read_back_to_the_last_bit(tcp: tuple[float, float, float]) -> No
     assert Status.from_json(replace(STATUS, tcp_m=tcp).to_json()).tcp_m == tcp
 
 
-def test_what_a_robot_does_not_have_is_left_out_of_a_message() -> None:
+def test_absent_axes_of_a_robot_are_omitted_in_messages() -> None:
     assert 'turn_rad' not in STATUS.to_json()
     assert Status.from_json(STATUS.to_json()) == STATUS
 

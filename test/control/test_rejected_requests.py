@@ -188,7 +188,7 @@ class Withdrawn:
 @pytest.mark.parametrize(
     ('action', 'text'), [('program', NEAR), ('move', NEAR), ('start', NEAR), ('start', '')]
 )
-def test_cancelled_request_leaves_nothing(
+def test_cancelled_request_leaves_no_state(
     action: str, text: str, stage: str, new_rig: Callable[[], Any]
 ) -> None:
     if (action, stage) == ('program', 'ordered') or (text == '' and stage == 'planning'):
@@ -420,7 +420,7 @@ def test_a_move_that_was_rejected_is_not_driven_by_the_next_command(
     assert 'already stands' not in capsys.readouterr().err
 
 
-def test_taking_control_reports_what_it_removes(
+def test_taking_control_reports_the_removed_moves(
     rig: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @contextmanager

@@ -55,7 +55,7 @@ def test_every_topic_and_service_has_a_row_and_every_row_as_many_cells_as_its_he
         assert tuple(row.name for row in rows) in first
 
 
-def test_page_loads_nothing_from_the_network(html):
+def test_page_makes_no_network_requests(html):
     loaded = re.compile(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*href="(?:https?:)?//')
     assert {name: found for name, text in html.items() if (found := loaded.findall(text))} == {}
 

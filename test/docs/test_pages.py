@@ -45,7 +45,7 @@ def test_links_to_files_lead_to_files(page):
 
 
 @for_each('page', pages.PAGES)
-def test_what_is_tested_elsewhere_names_its_test(page):
+def test_block_tested_elsewhere_names_its_test(page):
     elsewhere = [block.words for block in pages.blocks(page) if block.mark in ('elsewhere', 'long')]
     assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []
 
@@ -60,7 +60,7 @@ def test_a_block_that_is_not_run_each_time_has_commands_that_are_read(page):
     assert [b.line for b in pages.blocks(page) if b.mark == 'long' and not pages.read_commands(b.text)] == []
 
 
-def test_what_is_only_read_is_rejected_as_it_would_be_run():
+def test_commands_that_are_only_parsed_have_the_same_rejections():
     assert pages.read_commands('cp a b\ndelta3 tune --set K_Pvel=0.6 | grep x  # a comment\n') == 1
     assert (
         pages.read_commands("yes '' | delta3 run own.py --step; delta3 --help >help.txt && echo delta3\n")
@@ -105,7 +105,7 @@ def test_the_readme_leads_to_every_page_but_their_index():
     assert sorted(name for name in names if f']({name})' not in readme) == ['docs/index.md']
 
 
-def test_the_test_command_is_what_continuous_integration_calls():
+def test_continuous_integration_calls_the_test_command():
     (block,) = (block for block in pages.blocks(pages.SOURCE / 'README.md') if block.words == '.ci/run')
     command = block.text.strip()
     assert (pages.SOURCE / command).stat().st_mode & 0o100

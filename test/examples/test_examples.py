@@ -354,7 +354,7 @@ def test_nominal_and_built_robot(run):
     assert current_built > current
 
 
-def test_your_own_page(run):
+def test_custom_page(run):
     pytest.importorskip('viser', reason='the page needs the extra "view"')
     output, _ = run('your_own_page', '1')
     assert re.fullmatch(r'look at http://127\.0\.0\.1:\d+\n', output)

@@ -93,7 +93,7 @@ def first(compiled, tmp_path):
 
 
 @pytest.mark.long
-def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, first, tmp_path):
+def test_second_copy_of_the_sources_uses_the_kernels_compiled_by_the_first(copy, first, tmp_path):
     assert first['compiled'] > 5
     second = output_of(FORWARD, tmp_path / 'cache', copy)
     assert Path(second['package']).is_relative_to(copy)

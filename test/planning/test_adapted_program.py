@@ -33,7 +33,7 @@ def read(robot, **changed):
 
 
 @pytest.mark.parametrize(('first', 'kept'), [(2, 4), (3, 3), (5, 2), (6, 1)])
-def test_the_rest_of_a_program_drives_what_is_left_of_its_moves(robot, first, kept):
+def test_rest_of_a_program_contains_the_remaining_moves(robot, first, kept):
     rest = rest_of(read(robot), first, robot)
     whole = program_planner.plan(read(robot), START, robot)
     found = program_planner.plan(rest, rest.start_m, robot)
@@ -52,7 +52,7 @@ def test_an_output_belongs_to_the_move_before_it(robot, first):
 
 
 @pytest.mark.parametrize(('first', 'payload_kg'), [(0, None), (2, 0.5), (3, 0.5), (5, 0.0), (6, 0.0)])
-def test_the_robot_carries_what_it_has_there(robot, first, payload_kg):
+def test_robot_carries_its_payload_at_that_time(robot, first, payload_kg):
     assert rest_of(read(robot), first, robot).payload_kg == payload_kg
 
 
@@ -72,14 +72,14 @@ def test_a_program_that_is_repeated_begins_there_in_its_first_round(robot):
 
 
 @pytest.mark.parametrize(('first', 'last'), [(7, 6), (10**6, 6), (-1, 6)])
-def test_missing_statement_cannot_be_the_first(robot, first, last):
+def test_missing_statement_is_rejected_as_first_statement(robot, first, last):
     with pytest.raises(
         ProgramError, match=rf'^there is no moves\[{first}\] to begin with: .* to moves\[{last}\]$'
     ):
         rest_of(read(robot), first, robot)
 
 
-def test_statement_after_steps_from_an_unknown_position_cannot_be_the_first(robot):
+def test_statement_after_steps_from_an_unknown_position_is_rejected_as_first_statement(robot):
     steps = [{'move_l': {'to_m': {'by_m': [0.0, 0.0, 0.01]}}}, *BOX['moves']]
     program = read(robot, start_m=None, moves=steps)
     with pytest.raises(ProgramError, match=r'^moves\[1\].move_l starts after relative moves'):
@@ -87,7 +87,7 @@ def test_statement_after_steps_from_an_unknown_position_cannot_be_the_first(robo
     assert rest_of(program, 3, robot).start_m == (0.1, 0.0, -0.85)  # behind a move to a point
 
 
-def test_cubic_that_begins_in_motion_cannot_be_the_first_statement(robot):
+def test_cubic_that_begins_in_motion_is_rejected_as_first_statement(robot):
     cubics = [
         {'cubic': {'to_m': [0.05, 0.0, -0.8], 'duration_s': 0.5, 'end_velocity_m_s': [0.1, 0.0, 0.0]}},
         {'cubic': {'to_m': [0.1, 0.0, -0.8], 'duration_s': 0.5}},
@@ -108,7 +108,7 @@ def test_program_after_arm_angles_begins_at_their_end(robot):
     assert rest_of(program, 1, robot).start_m == pytest.approx(tuple(there))
 
 
-def test_before_a_program_the_robot_goes_straight_and_slowly_to_its_start(robot):
+def test_robot_moves_straight_and_slowly_to_the_start_of_a_program(robot):
     rest = rest_of(read(robot), 3, robot)
     here = [-0.2, 0.1, -0.75]
     planned = program_planner.plan(approached(rest, 0.25), here, robot)
@@ -136,7 +136,7 @@ def test_caps_apply_to_the_path_too(robot):
     assert found.statements[0].limits.speed_m_s == 0.05
 
 
-def test_a_program_without_a_start_has_none_to_go_to(robot):
+def test_program_without_a_start_has_no_start_move(robot):
     with pytest.raises(
         ProgramError, match=r'starts at the current robot position: it has no start to approach$'
     ):

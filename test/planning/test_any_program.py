@@ -108,7 +108,7 @@ ANY_PROGRAM = st.fixed_dictionaries(
 
 @settings(max_examples=examples(300))
 @given(st.one_of(ANY_PROGRAM, VALUES))
-def test_whatever_a_document_holds_it_is_a_program_or_rejected_with_one_sentence(robot, document):
+def test_arbitrary_document_is_a_program_or_rejected_with_one_message(robot, document):
     try:
         program = parse(document, robot)
     except ProgramError as error:
@@ -122,7 +122,7 @@ def test_whatever_a_document_holds_it_is_a_program_or_rejected_with_one_sentence
 @given(st.text(alphabet='moves:{}[]-, \n\tl_&*!#|>\'"0123.e\x00\x85\ud800', max_size=60))
 @example('moves: &a [*a]')
 @example('moves: [{move_l: {to_m: [0, 0, .nan]}}]')
-def test_whatever_a_file_holds_it_is_a_program_or_rejected(robot, tmp_path_factory, text):
+def test_arbitrary_file_is_a_program_or_rejected(robot, tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / 'program.yaml'
     path.write_bytes(text.encode('utf-8', 'surrogatepass'))
     with contextlib.suppress(ProgramError):
@@ -173,7 +173,7 @@ SOME_PROGRAM = st.fixed_dictionaries(
 
 @settings(max_examples=examples(150))
 @given(SOME_PROGRAM)
-def test_whatever_is_read_is_planned_within_the_workspace_or_rejected_with_one_sentence(robot, document):
+def test_any_valid_document_is_planned_within_the_workspace_or_rejected_with_one_message(robot, document):
     try:
         planned = program_planner.plan(parse(document, robot), HOME, robot)
     except ProgramError as error:

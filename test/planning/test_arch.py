@@ -38,7 +38,7 @@ def beside(points, end):
 
 @pytest.mark.parametrize('aim', ['time', 'energy'])
 @pytest.mark.parametrize('keep_out', [None, DEEP])
-def test_it_goes_straight_up_and_down_within_its_clearances_and_keeps_out(aim, keep_out, robot):
+def test_arch_is_vertical_within_its_clearances_and_avoids_the_keep_out_volume(aim, keep_out, robot):
     options = {} if keep_out is None else {'keep_out': keep_out}
     points, move = path(robot, over(aim=aim, **options))
     assert np.allclose(points[[0, -1]], [HERE, THERE], atol=SAME_M)
@@ -168,7 +168,7 @@ def test_without_time_optimal_it_keeps_the_limits_of_the_move(robot):
     assert move.master[:, 2].max() <= 1.001
 
 
-def test_what_cannot_be_is_rejected_with_its_reason(robot):
+def test_impossible_arch_is_rejected_with_its_reason(robot):
     assert 'above or below its start: use move_l' in refusal(
         plan, robot, [over((-0.1525, 0.0, -0.8))], HERE, **FAST
     )
@@ -183,13 +183,13 @@ def test_margin_above_half_the_range_excludes_only_the_top(robot):
     assert points[:, 2].max() >= -0.8
 
 
-def test_the_top_of_an_arch_is_over_what_it_keeps_out_of():
+def test_top_of_an_arch_is_above_the_keep_out_volume():
     room = Clearances(np.array(HERE), np.array(THERE), 0.01, 0.02, KeepOut(-0.7))
     assert room.lowest_top_m == -0.7
 
 
 @pytest.mark.parametrize('limits', [{}, {'acceleration_m_s2': 100.0, 'jerk_m_s3': 5000.0, 'speed_m_s': 4.0}])
-def test_arches_that_are_slowed_down_are_one_notice_and_none_without_limits_of_their_own(limits, robot):
+def test_slowed_arches_give_one_notice_and_none_without_explicit_limits(limits, robot):
     there, back = (
         {'arch': {'to_m': [x, 0.0, -0.85], 'up_m': 0.03, 'down_m': 0.03, **limits}} for x in (0.15, -0.15)
     )

@@ -24,7 +24,7 @@ def test_moves_on_the_same_path_have_limits_of_their_own(robot):
         np.testing.assert_array_equal(planner.speed[planner.places > at_m + 1e-3], 0.5)
 
 
-def test_moves_on_the_same_path_carry_what_is_theirs_from_where_they_grip_it(robot):
+def test_moves_on_the_same_path_carry_their_own_payload_from_its_grip_on(robot):
     curve, phases = line(FROM, TO), plan_master(LENGTH_M, 1.0, 10.0, 500.0)
     held = MovePlanner(curve, [(LENGTH_M, FAST)], HELD, robot).dynamics(phases)
     for at_m in (0.05, 0.15):

@@ -94,7 +94,7 @@ def test_before_its_start_a_timeline_has_no_motion_profile_and_no_end(plan):
 
 
 @pytest.mark.parametrize('override', [0.01, 0.37, 1.0, 1.5])
-def test_a_plan_at_a_rate_takes_its_time_over_the_rate_and_passes_every_move(override, plan):
+def test_duration_of_a_plan_at_a_rate_is_divided_by_the_rate_and_includes_every_move(override, plan):
     timeline = started(plan, 7, override)
     assert timeline.end_cycle == 7 + math.ceil(plan.duration_s / override / CYCLE_S - 1e-9)
     step = max(1, round(1.0 / override))
@@ -208,7 +208,7 @@ def test_an_override_is_reached_within_the_time_that_the_limits_need(robot):
 
 
 @pytest.mark.parametrize('rest', [0.0, 0.3, 0.9])
-def test_a_hold_in_a_dwell_keeps_what_is_left_of_it(rest, plan):
+def test_hold_in_a_dwell_keeps_the_remaining_time(rest, plan):
     dwell = 1
     first = math.ceil(plan.tables.starts[dwell] / CYCLE_S)
     cycle = first + int(rest * 50)
@@ -223,7 +223,7 @@ def test_a_hold_in_a_dwell_keeps_what_is_left_of_it(rest, plan):
     assert again == pytest.approx(plan.duration_s / CYCLE_S - cycle, abs=1.0)
 
 
-def test_a_dwell_at_another_rate_takes_its_time_over_the_rate(plan):
+def test_duration_of_a_dwell_at_a_rate_is_its_time_divided_by_the_rate(plan):
     timeline = started(plan)
     cycle = math.ceil(plan.tables.starts[1] / CYCLE_S) + 10
     timeline.change(resume(timeline, cycle, 0.5))
@@ -232,7 +232,7 @@ def test_a_dwell_at_another_rate_takes_its_time_over_the_rate(plan):
     assert int((rows[:, 0] == 1).sum()) == pytest.approx(left / CYCLE_S, abs=1.0)
 
 
-def test_the_place_is_a_place_of_the_path_whatever_the_motion_profile(plan):
+def test_place_is_on_the_path_for_any_motion_profile(plan):
     timeline = started(plan)
     timeline.change(resume(timeline, 400, 1.4))
     timeline.change(timeline.stop(700))
@@ -437,7 +437,7 @@ def test_a_hold_in_any_cycle_stops_before_the_move_ends_and_nowhere_faster_than_
 
 @given(data=st.data())
 @settings(max_examples=examples(40))
-def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(data, hard, plan):
+def test_plan_with_any_holds_resumes_and_overrides_is_driven_to_its_end(data, hard, plan):
     one = data.draw(
         st.sampled_from([plan, *[hard[name] for name in HARD if name != 'a cubic that a motor slows down']])
     )

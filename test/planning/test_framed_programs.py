@@ -88,7 +88,7 @@ moves:
     assert plain.to.point_m == (0.1, 0.0, -0.8)
 
 
-def test_the_working_point_of_the_tool_goes_to_every_point_and_along_every_step(load):
+def test_working_point_of_the_tool_reaches_every_point_and_follows_every_step(load):
     text = f"""{HEAD}tool: cup
 start_m: [0.0, 0.0, -0.8]
 points: {{pick: [0.1, 0.0, -0.9]}}
@@ -208,7 +208,7 @@ def test_a_loop_drives_its_statements_at_each_place_one_after_the_other(load):
     assert {program.places[n].line for n in (2, 5, 8)} == {18}
 
 
-def test_several_patterns_go_together_place_by_place(load):
+def test_several_patterns_are_combined_place_by_place(load):
     text = f"""{HEAD}{PATTERNS}moves:
 - for_each:
     place_of: {{pick: tray, put: box}}
@@ -226,7 +226,7 @@ def test_several_patterns_go_together_place_by_place(load):
     assert program.names[-1] == 'moves[0].for_each.moves[1].move_l at place 3 of tray and box'
 
 
-def test_a_pattern_in_reverse_takes_a_stack_down(load):
+def test_reversed_pattern_unstacks(load):
     moves = 'moves: [{for_each: {place_of: stack, moves: [{move_l: {to_m: [0, 0, 0.05]}}]}}]'
     program = load(f'{HEAD}frame: table\n{PATTERNS}{moves}')
     heights = [one.to.point_m[2] for one in program.statements]

@@ -100,7 +100,7 @@ def test_positions_alone_make_straight_lines_as_the_joint_trajectory_controller_
     assert sample_path(at, move.segments)[:, 0] == pytest.approx(expected, abs=EXACT)
 
 
-def test_what_only_one_of_two_points_has_does_not_count_between_them(robot, home):
+def test_derivative_given_at_only_one_of_two_points_is_ignored_between_them(robot, home):
     points = [point(1.0, home + 0.1, STILL, STILL), point(2.0, home + 0.2, STILL), point(3.0, home + 0.3)]
     segments = planned(robot, points).plan.move(0).segments
     degrees = [int(np.flatnonzero(np.abs(row[1:7]) > 0.0).max()) for row in segments]

@@ -45,7 +45,7 @@ def test_a_file_holds_them_to_the_last_bit(learned, robot, tmp_path):
     assert found.refusal(planned(robot), robot) == ''
 
 
-def test_they_fit_the_same_program_that_is_planned_again(learned, robot):
+def test_learned_torques_fit_a_second_plan_of_the_same_program(learned, robot):
     assert learned.refusal(planned(robot), robot) == ''
     learned.require(planned(robot), robot, 'a.npz')
 
@@ -115,13 +115,13 @@ def later():
     ],
     ids=['speed', 'path', 'more moves', 'another order', 'payload', 'payload on the way'],
 )
-def test_they_are_rejected_by_name_for_another_program(fields, sentence, learned, robot):
+def test_learned_torques_of_another_program_are_rejected_by_name(fields, sentence, learned, robot):
     plan = planned(robot, **fields)
     with pytest.raises(LearnedError, match=f'learned torques of a.npz do not fit: they belong to {sentence}'):
         learned.require(plan, robot, 'a.npz')
 
 
-def test_they_are_rejected_for_other_parameters(learned, robot):
+def test_learned_torques_of_other_parameters_are_rejected(learned, robot):
     other = robot.replace(drive__position_gain_rad_s_rad=70.0)
     refusal = learned.refusal(planned(other), other)
     assert refusal == (
@@ -239,7 +239,7 @@ def test_torques_that_no_motor_could_follow_are_rejected(torques, sentence, lear
         torques_file.load(path)
 
 
-def test_a_file_that_cannot_be_written_is_rejected_by_name(learned, tmp_path):
+def test_unwritable_file_is_rejected_by_name(learned, tmp_path):
     with pytest.raises(LearnedError, match=r'must end with \.npz'):
         torques_file.save(learned, tmp_path / 'learned.csv')
     with pytest.raises(LearnedError, match='there is no folder'):

@@ -46,7 +46,7 @@ def test_an_output_switches_so_many_seconds_after_the_end_of_the_move_before_it(
 
 
 @pytest.mark.parametrize('move', [{'cubic': {'to_m': list(B), 'duration_s': 0.4}}, SWING])
-def test_a_path_over_time_takes_an_output_after_its_begin(move, robot):
+def test_path_over_time_accepts_an_output_after_its_start(move, robot):
     planned = plan(robot, [dwell(0.1), output(after_s=0.05), move])
     assert switched(planned) == [pytest.approx(0.15, abs=ROUNDING_S)]
 
@@ -155,7 +155,7 @@ def test_an_output_waits_for_the_position_and_then_its_time(robot):
     assert switched(planned, 'output1') == [pytest.approx(ends(planned)[0] - 0.05, abs=ROUNDING_S)]
 
 
-def test_a_program_that_gets_slower_as_a_whole_keeps_its_times(robot):
+def test_uniformly_slowed_program_keeps_its_times(robot):
     moves = [to(*A), output(before_s=0.05), to(*HOME)]
     rms = max(plan(robot, moves, repeat=2).rms_current_a)
     planned = plan(robot.replace(motor__nominal_current_a=0.97 * rms), moves, repeat=2)

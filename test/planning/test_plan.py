@@ -207,7 +207,7 @@ def test_only_a_cubic_may_begin_and_end_at_speed(robot):
     st.integers(0, HEADER + 8 * 5 + SEGMENT_COLUMNS + 2 * EVENT_COLUMNS - 1),
     st.one_of(st.floats(), st.integers(-5, 10).map(float)),
 )
-def test_whatever_number_of_a_message_is_spoilt_it_is_rejected_or_still_a_move_without_jumps(index, value):
+def test_message_with_any_changed_number_is_rejected_or_a_move_without_jumps(index, value):
     row = spoilt(line().to_array(0, 3), index, value)
     try:
         move, _, _ = Move.from_array(row)
@@ -275,7 +275,7 @@ def test_moves_may_be_driven_again_in_any_order(order):
         assert np.abs(p[0] - sample_path([expected[0]], moves[number].segments)[0, 0]).max() < 1e-9
 
 
-def test_what_runs_in_the_cycle_is_what_sampling_shows(robot):
+def test_plan_in_the_cycle_equals_the_sampled_plan(robot):
     plan = planned(robot)
     times = np.arange(0.0, plan.duration_s + 0.01, 1e-3)
     p, master, numbers = sample_plan(plan, times)

@@ -230,7 +230,7 @@ def test_ten_errors_are_enough(robot):
     assert last == 'the search ended after 10 errors'
 
 
-def test_an_output_is_not_blamed_for_the_move_that_it_belongs_to(robot):
+def test_planning_error_names_the_move_instead_of_its_output(robot):
     no_circle = {'move_c': {'via_m': [0.05, 0.0, -0.75], 'to_m': [0.1, 0.0, -0.75]}}
     grip = {'output': {'name': 'gripper', 'value': True, 'before_m': 0.01}}
     moves = [{'move_l': {'to_m': [0.0, 0.0, -0.75]}}, no_circle, grip, {'dwell': {'time_s': 0.1}}]

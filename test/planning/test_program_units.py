@@ -130,6 +130,6 @@ def test_a_unit_that_is_wrong_or_given_twice_is_rejected_with_its_place(text, se
     assert sentence in refused(text)
 
 
-def test_a_jerk_without_limit_has_none_in_any_unit(load):
+def test_unlimited_jerk_is_unlimited_in_any_unit(load):
     (move,) = load('moves: [{move_l: {to_m: [0, 0, -0.8], jerk_mm_s3: .inf}}]').statements
     assert move.limits.jerk_m_s3 == math.inf

@@ -48,7 +48,7 @@ CASES = [(number, share) for number in range(5) for share in (0.0, 0.2, 0.4)]
 
 
 @pytest.mark.parametrize(('number', 'share'), CASES)
-def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, share, plan):
+def test_remainder_is_the_rest_of_the_move_and_every_later_move(number, share, plan):
     timeline = stopped(plan, number, share)
     here, moves = remaining_plan(timeline)
     now = timeline.at(timeline.end_cycle)
@@ -74,7 +74,7 @@ def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, sh
 
 
 @pytest.mark.parametrize('cycle', [150, 250, 350])
-def test_the_rest_of_a_move_begins_at_rest_where_a_hard_stop_takes_whole_cycles(cycle, robot):
+def test_rest_of_a_move_begins_at_rest_after_a_hard_stop_of_whole_cycles(cycle, robot):
     slow = {
         'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.75], 'speed_m_s': 0.2}}]
     }  # stops within 4 ms and a rounding
@@ -103,7 +103,7 @@ def test_the_cases_of_the_outputs_lie_on_both_sides_of_one(plan):
     assert counts == {1, 2}
 
 
-def test_at_its_end_nothing_is_left(plan):
+def test_remainder_is_empty_at_the_end(plan):
     timeline = Timeline(plan, CYCLE_S)
     timeline.start(0)
     with pytest.raises(ProgramError, match='can only be restarted'):
@@ -124,7 +124,7 @@ def test_a_plan_that_is_left_is_driven_to_the_same_end(plan):
     assert np.linalg.norm(here - plan.move(1).start_m()) > 0.02
 
 
-def test_master_is_at_rest_after_its_end_whatever_speed_its_last_row_has():
+def test_master_is_at_rest_after_its_end_with_any_speed_in_its_last_row():
     """A stranger's sequence of cubics may end with one: its path ends there all the same."""
     phases = np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.5, 0.5, 1.0, 2.0, 3.0]])
     at = sample_master([0.25, 0.5, 0.75, 100.0], phases)
@@ -166,7 +166,7 @@ def test_a_stop_anywhere_in_a_long_sequence_of_corners_is_resumed(cycle, driven)
 
 @pytest.mark.parametrize('override', [0.3, 1.4])
 @pytest.mark.parametrize('cycle', IN_CORNERS)
-def test_an_override_counts_at_once_in_a_long_sequence_of_corners(cycle, override, driven):
+def test_override_takes_effect_immediately_in_a_long_sequence_of_corners(cycle, override, driven):
     master = driven.plan.move(0).master
     driven.change(resume(driven, cycle, override))
     later = driven.at(cycle + 300)
@@ -175,7 +175,7 @@ def test_an_override_counts_at_once_in_a_long_sequence_of_corners(cycle, overrid
 
 
 @pytest.mark.parametrize('cycle', IN_CORNERS)
-def test_a_long_sequence_of_corners_goes_over_to_a_longer_one(cycle, corners, driven):
+def test_long_sequence_of_corners_is_extended_without_a_stop(cycle, corners, driven):
     """Its speeds are not quite those of the other: they are planned over another length."""
     longer, length_m = corners[1].move(0), driven.plan.move(0).length_m
     table = join_move(driven, cycle, longer, length_m - 0.005)

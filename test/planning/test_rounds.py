@@ -57,7 +57,7 @@ def test_too_many_corners_for_one_move_are_rejected(robot):
 
 
 @pytest.mark.parametrize('first', [dwell(0.1), output()])
-def test_what_does_not_move_at_the_begin(first, robot):
+def test_round_that_begins_without_motion(first, robot):
     moves = [first, *square(0.03, 0.0, 0.03, 0.03)]
     if 'dwell' in first:
         assert 'blend_m needs a move that follows' in refusal(

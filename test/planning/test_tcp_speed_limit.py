@@ -57,14 +57,14 @@ def test_by_default_only_the_motors_limit_a_time_optimal_move(robot):
 
 
 @pytest.mark.parametrize('speed_m_s', [BELOW, LIMIT])
-def test_a_move_may_ask_for_the_limit_and_is_driven_with_it(speed_m_s, slow):
+def test_move_at_the_limit_is_accepted_and_driven_with_it(speed_m_s, slow):
     planned = plan(slow, line(speed_m_s))
     assert not planned.notices
     assert 0.999 * LIMIT < fastest(planned) <= LIMIT * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize('speed_m_s', [ABOVE, 3.0])
-def test_a_move_that_asks_for_more_is_rejected_with_value_rule_and_place(speed_m_s, slow):
+def test_move_beyond_the_limit_is_rejected_with_value_rule_and_place(speed_m_s, slow):
     rule = 'must not exceed motion.tcp_speed_limit_m_s (2.0)'
     for document, place in (
         ({'moves': [line(speed_m_s)]}, 'moves[0].move_l.speed_m_s'),
@@ -150,12 +150,12 @@ def test_the_default_speed_of_moves_does_not_exceed_the_limit(slow):
 
 
 @pytest.mark.parametrize('speed_m_s', [BELOW, LIMIT])
-def test_the_robot_gets_on_a_belt_with_the_limit_at_most(speed_m_s, slow):
+def test_robot_synchronizes_with_a_belt_within_the_limit(speed_m_s, slow):
     assert limits_of({'speed_m_s': speed_m_s}, slow.motion)[0].speed_m_s == speed_m_s
 
 
 @pytest.mark.parametrize('speed_m_s', [ABOVE, 20.0, math.inf])
-def test_a_belt_that_asks_for_more_is_rejected(speed_m_s, slow):
+def test_belt_beyond_the_limits_is_rejected(speed_m_s, slow):
     with pytest.raises(ProgramError) as told:
         limits_of({'speed_m_s': speed_m_s}, slow.motion)
     assert str(told.value) == (

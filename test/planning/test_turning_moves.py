@@ -72,7 +72,7 @@ def test_the_tool_turns_with_every_move_along_a_path_from_its_begin_to_its_end(m
     assert (turn[0, 1], turn[-1, 1]) == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-def test_a_turn_that_its_axis_can_do_takes_no_time_from_the_move(machine):
+def test_turn_within_the_limits_of_its_axis_does_not_lengthen_the_move(machine):
     asked = {'move_l': {'to_m': THERE}}
     alone = plan([asked], machine)
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine)
@@ -400,7 +400,7 @@ def test_a_spoilt_turn_is_rejected(change, reason, machine):
         Move.from_array(row)
 
 
-def test_plan_defines_the_tool_angle_of_all_moves_or_of_none(machine):
+def test_plan_defines_the_tool_angle_for_all_moves_or_not(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan.moves[0]
     plain = plan([{'move_l': {'to_m': THERE}}], machine).plan.moves[0]
     with pytest.raises(ProgramError, match='move 1 of the plan has 0 angles of the tool'):
@@ -474,7 +474,7 @@ def test_the_slower_axis_sets_the_pace_and_is_named(wrist):
     assert 'axis5 would turn to 400 deg' in refusal([{'turn': {'to_deg': [0, 400]}}], wrist)
 
 
-def test_a_motor_of_the_second_axis_that_gets_too_hot_slows_the_program_down(wrist):
+def test_thermal_limit_of_the_second_rotary_axis_slows_the_program_down(wrist):
     moves = [{'turn': {'to_deg': [10, 180]}}, {'turn': {'to_deg': 0}}, {'turn': {'to_deg': [0, 0]}}]
     slow = plan(
         moves, wrist.replace(rotary_2__nominal_current_a=0.1, rotary_2__static_friction_n_m=0.0), repeat=3
@@ -506,7 +506,7 @@ def test_more_angles_than_rotary_axes_are_rejected(wrist, machine, robot):
         assert f'has {len(angles)} angles, but must have 1 to 2: one per rotary axis' in sentence
 
 
-def test_a_program_that_begins_in_the_middle_knows_the_angles_of_all_axes(wrist):
+def test_program_that_starts_in_the_middle_has_defined_angles_of_all_axes(wrist):
     moves = [
         {'move_l': {'to_m': THERE, 'turn_deg': [30, -20]}},
         {'turn': {'to_deg': [{'by_deg': 15}, {'by_deg': 5}]}},

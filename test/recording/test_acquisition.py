@@ -34,7 +34,7 @@ def recorded(robot, samples, last=2000, first=1, **more):
     return records, acquisition
 
 
-def test_without_a_trigger_a_record_begins_at_once(robot):
+def test_record_without_a_trigger_starts_immediately(robot):
     (record,), acquisition = recorded(robot, 500, first=7)
     assert acquisition.done
     assert (record.first, len(record.values), record.trigger) == (7, 500, None)
@@ -206,6 +206,6 @@ def test_trigger_describes_its_condition(more, sentence, robot):
         ({'trigger': 'faults'}, "'faults' is not a valid channel"),
     ],
 )
-def test_what_makes_no_sense_is_rejected_in_a_sentence(more, sentence, robot):
+def test_invalid_settings_are_rejected_with_a_message(more, sentence, robot):
     with pytest.raises(ParameterError, match=sentence):
         of(robot, **{'samples': 10, **more})

@@ -37,7 +37,7 @@ from thoroughness import examples
         (lambda bag: (bag / 'bag.mcap').write_bytes(bytes(1000)), 'damaged'),
     ],
 )
-def test_a_damaged_bag_gets_one_sentence(damage, expected, tmp_path):
+def test_damaged_bag_is_rejected_with_one_message(damage, expected, tmp_path):
     bag = record(tmp_path / 'bag', messages())
     assert_holds(trace_file.load(bag))
     damage(bag)

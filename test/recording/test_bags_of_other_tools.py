@@ -183,7 +183,7 @@ def test_a_bag_of_a_few_topics_holds_their_signals(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.db3', 'a.mcap.zstd'])
-def test_invalid_file_gets_one_sentence(name, tmp_path):
+def test_invalid_file_is_rejected_with_one_message(name, tmp_path):
     (tmp_path / name).write_bytes(b'nothing of the kind' * 20)
     with pytest.raises(TraceError, match='it was cut off or is damaged') as caught:
         trace_file.load(tmp_path / name)
@@ -210,7 +210,7 @@ def test_an_unknown_compression_of_chunks_is_named(profile, tmp_path):
 
 
 @pytest.mark.parametrize('compression', ['zstd', 'lz4'])
-def test_a_damaged_chunk_ends_what_is_read_and_the_rest_is_named(compression, tmp_path):
+def test_damaged_chunk_ends_the_reading_and_the_rest_is_reported(compression, tmp_path):
     whole = mcap(tmp_path / 'a.mcap', messages(), compression=compression)
     content = bytearray(whole.read_bytes())
     place = content.rindex(compression.encode()) + 30  # in the second of two chunks
@@ -235,7 +235,7 @@ def test_topics_of_other_encodings_in_the_same_file_do_no_harm(tmp_path):
     assert '/log' not in trace.meta['cut']
 
 
-def test_a_robot_whose_messages_are_all_encoded_otherwise_is_rejected_with_the_encoding(tmp_path):
+def test_robot_with_another_message_encoding_is_rejected_with_the_encoding(tmp_path):
     others = [('tcp/actual', JSON_SCHEMA, 'json', b'{}'), ('sercos/mdt', JSON_SCHEMA, 'ros1', b'{}')]
     sentence = refusal(mcap(tmp_path / 'a.mcap', [], types={}, others=others))
     assert "/tcp/actual is left out, as it is encoded as 'json', not as cdr" in sentence
@@ -379,7 +379,7 @@ def half(robot, tmp_path_factory):
         (report, ['--output', 'FOLDER/a.html']),
     ],
 )
-def test_every_command_reads_what_is_there_and_names_what_is_missing(
+def test_every_command_reads_available_files_and_names_missing_ones(
     command, arguments, single, half, tmp_path, capsys
 ):
     path = str(half.bag / 'bag.mcap' if single else half.bag)

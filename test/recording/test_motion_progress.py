@@ -26,7 +26,7 @@ def test_a_complete_report_is_accepted():
     assert read(figures={'a': 1}).statistics == {'figures': {'a': 1}}
 
 
-def test_the_keys_are_written_in_their_order_and_totals_come_last():
+def test_keys_are_written_in_order_with_totals_last():
     keys = [field.name for field in fields(MotionProgress) if field.name not in OPTIONAL]
     assert [*NO_REPORT.to_fields()] == keys
     assert [*replace(REPORT, turn_rad=0.0, statistics={'figures': {}}).to_fields()] == [

@@ -21,7 +21,7 @@ def record(trigger='axis1.speed', samples=40):
 
 
 @pytest.mark.parametrize('name', FORMS)
-def test_what_was_recorded_is_read_again(tmp_path, name):
+def test_record_is_read_back_unchanged(tmp_path, name):
     written = record()
     path = record_file.write(
         written, tmp_path / name, {'provenance': {'command': 'delta3 scope axis1.current'}}
@@ -37,7 +37,7 @@ def test_what_was_recorded_is_read_again(tmp_path, name):
     assert found.command == ('' if name == 's.csv' else 'delta3 scope axis1.current')
 
 
-def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
+def test_record_without_a_trigger_condition_has_no_trigger(tmp_path):
     asked = setting(parameters.load(), ['axis1.current'], 16000.0, 0.001)
     for name in FORMS:
         path = record_file.write(Record(asked, 1, np.zeros((16, 1))), tmp_path / name, {})

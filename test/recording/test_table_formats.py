@@ -84,7 +84,7 @@ def test_whole_numbers_and_missing_ones_are_read_from_parquet_and_texts_left_out
 
 
 @pytest.mark.parametrize('content', [b'', b'PAR1' + bytes(100), bytes(range(256)) * 10])
-def test_invalid_parquet_file_gets_one_sentence(pyarrow, content, tmp_path):
+def test_invalid_parquet_file_is_rejected_with_one_message(pyarrow, content, tmp_path):
     (tmp_path / 'a.parquet').write_bytes(content)
     with pytest.raises(TraceError, match=r'^cannot read trace .*a\.parquet: ') as caught:
         trace_file.load(tmp_path / 'a.parquet')
@@ -197,7 +197,7 @@ def test_missing_h5py_is_reported_with_its_installation_command(h5py, tmp_path, 
         trace_file.load(path)
 
 
-def test_a_damaged_file_of_version_7_3_gets_one_sentence(h5py, tmp_path):
+def test_damaged_file_of_version_7_3_is_rejected_with_one_message(h5py, tmp_path):
     path = mat_73(h5py, tmp_path / 'a.mat', {'time_s': TIME, 'tcp_command_m': TCP})
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(TraceError, match=r'^cannot read trace .*a\.mat: ') as caught:

@@ -70,7 +70,7 @@ def test_every_unit_matches_its_name(unit, tmp_path):
         ('# {"gear_ratio": \ntime [s]\n0\n', 'not a JSON object'),
     ],
 )
-def test_a_bad_csv_trace_gets_one_sentence(text, reason, tmp_path):
+def test_invalid_csv_trace_is_rejected_with_one_message(text, reason, tmp_path):
     path = tmp_path / 'run.csv'
     path.write_text(text)
     with pytest.raises(TraceError, match=reason) as caught:

@@ -124,7 +124,7 @@ def test_phase_currents_turn_three_times_per_revolution_and_lie_on_the_q_axis(m)
 
 
 @given(speeds)
-def test_friction_is_odd_and_always_brakes(m, speed):
+def test_friction_is_an_odd_function_and_always_brakes(m, speed):
     assert friction_torque(-speed, m) == -friction_torque(speed, m)
     assert friction_torque(speed, m) * speed >= 0.0
     assert abs(friction_torque(speed, m)) <= 0.10 + 3.0e-4 * abs(speed)

@@ -35,7 +35,7 @@ def cell(graph: Any) -> Cell:
     return Cell(graph)
 
 
-def test_drives_in_torque_take_gains_and_get_back_what_they_had(cell: Cell, tmp_path: Path) -> None:
+def test_drives_in_torque_accept_gains_and_are_restored(cell: Cell, tmp_path: Path) -> None:
     channel = DriveValues(cell.operator)
     applied.apply(GAINS, channel, '/', tmp_path)
     assert cell.values() == [GAINS] * 3
@@ -53,7 +53,9 @@ def test_a_drive_that_rejects_leaves_all_as_they_were(cell: Cell, tmp_path: Path
     assert cell.values() == [DEFAULT] * 3
 
 
-def test_the_second_drive_rejects_and_the_first_one_gets_its_values_back(cell: Cell, tmp_path: Path) -> None:
+def test_rejection_by_the_second_drive_restores_the_values_of_the_first_one(
+    cell: Cell, tmp_path: Path
+) -> None:
     class Refusing(DriveValues):
         def write(self, axis: str, idn: str, value: float) -> None:
             if axis == 'axis2':
@@ -65,7 +67,7 @@ def test_the_second_drive_rejects_and_the_first_one_gets_its_values_back(cell: C
     assert cell.values() == [DEFAULT] * 3
 
 
-def test_the_command_applies_what_auto_has_left_and_takes_it_back(
+def test_command_applies_the_proposal_of_auto_and_restores_the_gains(
     cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = ', '.join(f'{name}: {value}' for name, value in GAINS.items())

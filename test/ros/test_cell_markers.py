@@ -31,7 +31,7 @@ def test_belt_is_drawn_as_a_slab_with_the_part_on_its_surface() -> None:
     assert {marker.header.frame_id for marker in (belt, sensor, part)} == {'base'}
 
 
-def test_what_is_gone_is_taken_away_once() -> None:
+def test_markers_of_removed_things_are_deleted_once() -> None:
     markers = CellMarkers()
     markers.still([BELT, SENSOR])
     markers.parts(CellInstant((PART,)))

@@ -243,7 +243,7 @@ def test_every_drive_reports_its_state_by_sercos_names(graph: Any) -> None:
     assert (facts['S-0-0011 class 1 diagnostic'], facts['S-0-0029 MDT losses']) == ('0000', '0')
 
 
-def test_a_fault_that_is_asked_for_again_is_answered_again_and_injected_once(graph: Any) -> None:
+def test_repeated_fault_request_is_answered_again_and_injected_once(graph: Any) -> None:
     cell = Cell(graph)
     injected = graph.listen(String, 'faults/schedule', FAULTS)
 
@@ -260,7 +260,7 @@ def test_a_fault_that_is_asked_for_again_is_answered_again_and_injected_once(gra
     graph.spin_until(lambda: cell.task.progress().master_m == 0.0 and len(injected) == 3, 'three faults')
 
 
-def test_an_operator_whose_answer_is_lost_asks_again(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_operator_repeats_a_request_with_a_lost_reply(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = Cell(graph)
     injected = graph.listen(String, 'faults/schedule', FAULTS)
     call, asked = Client.call_async, []

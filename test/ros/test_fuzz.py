@@ -163,7 +163,7 @@ trajectories = st.builds(
 )
 
 
-def test_no_trajectory_kills_the_planner_and_whatever_is_accepted_is_driven_to_its_end(
+def test_no_trajectory_kills_the_planner_and_every_accepted_one_is_driven_to_its_end(
     robot: Any, graph: Any
 ) -> None:
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)

@@ -51,7 +51,7 @@ def curves() -> list[str]:
     return [curve.attrib['name'] for curve in root.iter('curve')]
 
 
-def test_rviz_shows_topics_of_the_robot_as_what_they_are() -> None:
+def test_rviz_shows_topics_of_the_robot_with_their_types() -> None:
     shown = 0
     for display in rviz()['Visualization Manager']['Displays']:
         for asked in (display.get('Topic'), display.get('Description Topic')):

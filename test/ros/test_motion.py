@@ -232,7 +232,7 @@ BAD_PROGRAMS = [
 ]
 
 
-def test_a_bad_program_gets_one_sentence_and_leaves_the_robot_ready(cell: Cell) -> None:
+def test_invalid_program_gives_one_message_and_leaves_the_robot_ready(cell: Cell) -> None:
     for text, reason in BAD_PROGRAMS:
         assert reason in refusal(cell, lambda text=text: cell.operator.send_program(text)), text[:100]
         assert 'no moves are in the queue' in refusal(cell, lambda: cell.operator.call('start'))

@@ -124,7 +124,7 @@ def test_a_broken_parameter_file_is_rejected_before_a_node_starts(
 
 
 @given(st.text('ab_09/ -ä', max_size=8) | st.sampled_from(['a' * 244, 'a' * 245, '/' + 'b' * 244]))
-def test_a_namespace_is_valid_where_ros_2_takes_it(text: str) -> None:
+def test_namespace_is_valid_if_ros_2_accepts_it(text: str) -> None:
     absolute = '/' + text.strip('/')
     try:
         validate_namespace(absolute)

@@ -106,7 +106,7 @@ raise SystemExit(node_process.run(factories, []))
 """
 
 
-def test_node_that_receives_nothing_rejoins_the_domain_until_it_finds_its_partner(graph: object) -> None:
+def test_node_without_messages_rejoins_the_domain_until_it_finds_its_partner(graph: object) -> None:
     process = subprocess.Popen(
         [sys.executable, '-P', '-c', DEAF, '1'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -145,7 +145,7 @@ raise SystemExit(node_process.run([Recorder], []))
 """
 
 
-def test_a_node_that_is_ended_while_it_joins_anew_completes_what_it_has_begun(graph: object) -> None:
+def test_node_ended_during_rejoining_completes_the_started_step(graph: object) -> None:
     done = subprocess.run(
         [sys.executable, '-P', '-c', ENDED], capture_output=True, text=True, timeout=120.0, check=False
     )

@@ -85,7 +85,7 @@ def test_immediate_reply_is_not_lost(graph: Any) -> None:
     assert operator.published == 1
 
 
-def test_each_operator_gets_his_own_answers(cell: Cell, graph: Any) -> None:
+def test_each_operator_receives_only_its_own_answers(cell: Cell, graph: Any) -> None:
     answers = graph.listen(String, 'unit_robot/reply', REQUEST)
     refused = 0
     publisher = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)
@@ -254,7 +254,7 @@ def test_request_for_another_receiver_is_rejected_and_not_executed(cell: Cell, g
     assert cell.bert.queue.moves == 0
 
 
-def test_planner_that_announced_itself_before_rejecting_is_asked_again(graph: Any) -> None:
+def test_planner_that_announced_before_rejecting_is_queried_again(graph: Any) -> None:
     before, after = (QueueReport(identity, 0, 0.0, 1.0, '') for identity in ('before', 'after'))
     queue = graph.listener.create_publisher(String, 'unit_robot/queue', LATCHED)
     reply = graph.listener.create_publisher(String, 'unit_robot/reply', REQUEST)
@@ -342,7 +342,7 @@ LARGE_TOPICS = {
 }
 
 
-def test_megabytes_on_a_topic_stop_nothing(cell: Cell, graph: Any) -> None:
+def test_megabytes_on_a_topic_do_not_stop_the_robot(cell: Cell, graph: Any) -> None:
     cell.move()
     for topic, qos in LARGE_TOPICS.items():
         publisher = graph.listener.create_publisher(String, topic, qos)
@@ -400,7 +400,7 @@ def test_an_override_counts_from_when_it_was_answered(cell: Cell, graph: Any) ->
     graph.spin_until(lambda: cell.task.progress().rate == 0.8, 'the rate')
 
 
-def test_a_program_is_begun_in_the_middle_after_the_robot_has_gone_there(cell: Cell, graph: Any) -> None:
+def test_program_starts_in_the_middle_after_a_move_to_that_place(cell: Cell, graph: Any) -> None:
     operator, task = cell.anna, cell.task
     operator.take_control('Anna')
     with pytest.raises(RefusedError, match=r'starts at \(0.1, 0, -0.8\) m, but the robot is at .* mm away'):

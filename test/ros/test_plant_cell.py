@@ -66,7 +66,7 @@ def plant(graph: Any, tmp_path: Path) -> Plant:
     return Plant(graph, path)
 
 
-def test_an_input_that_is_set_by_a_topic_counts_until_it_is_left_to_itself(graph: Any, plant: Plant) -> None:
+def test_input_forced_by_topic_is_valid_until_its_release(graph: Any, plant: Plant) -> None:
     plant.set('start', 'on')
     plant.set('moon', 'on')
     plant.set('part', 'maybe')

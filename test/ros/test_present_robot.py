@@ -76,7 +76,7 @@ def beat(graph: Graph, session: str, planner: str = 'planner') -> None:
     graph.heartbeat(Header(frame_id=f'{planner} {session} {planner.encode().hex()}'))
 
 
-def test_a_robot_that_is_alone_is_believed_at_once(clock: Clock) -> None:
+def test_single_robot_is_trusted_immediately(clock: Clock) -> None:
     present = PresentRobot(Graph('transformation_task'))
     assert present.accepts(report(LIVE))
     assert present.session == LIVE
@@ -195,7 +195,7 @@ def test_the_recording_of_this_very_session_does_not_turn_bus_time_back(clock: C
     assert present.accepts(report(LIVE, 400))
 
 
-def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_the_next_report(
+def test_state_received_before_the_robot_was_known_to_be_single_is_replaced_by_the_next_report(
     graph: Any,
 ) -> None:
     task, other = graph.add(Node, 'transformation_task'), graph.add(Node, 'player')

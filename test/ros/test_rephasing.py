@@ -129,7 +129,7 @@ def test_dead_plant_removes_the_torque_and_a_new_one_is_at_home(cell: Cell, grap
     assert cell.task.progress().cycles > 200
 
 
-def test_nothing_is_enabled_automatically_after_a_lost_partner(cell: Cell, graph: Any) -> None:
+def test_drives_are_not_enabled_automatically_after_a_lost_partner(cell: Cell, graph: Any) -> None:
     cell.take_away(cell.drive(1))
     graph.add(MC4DriveNode, axis=1, **ON_REQUEST)
     graph.spin_until(lambda: cell.task.progress().phase == 'CP0', 'CP0', BOUND_S)
@@ -254,7 +254,7 @@ def test_a_program_is_resumed_after_a_fault_where_it_left_its_path(cell: Cell, g
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 2e-3
 
 
-def test_a_drive_that_stays_deaf_is_missing_until_another_one_takes_its_place(cell: Cell, graph: Any) -> None:
+def test_drive_that_stays_deaf_is_missing_until_its_replacement_joins(cell: Cell, graph: Any) -> None:
     deaf = cell.drive(2)
     deaf.deafen()
     graph.spin_until(lambda: cell.task.progress().missing == ('axis2',), 'the deaf drive', 2.0 * BOUND_S)
@@ -302,7 +302,7 @@ def test_a_drive_that_dies_before_cyclic_operation_is_named_when_it_begins(graph
     assert task.progress().state == 'error'
 
 
-def test_drive_that_returns_before_cyclic_operation_costs_nothing(graph: Any) -> None:
+def test_drive_that_returns_before_cyclic_operation_has_no_effect(graph: Any) -> None:
     task = prepared(graph)
     graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
     answers = graph.listen(JointState, 'sercos/at/axis3', CYCLIC_PUBLISHER)
@@ -383,9 +383,7 @@ def test_a_planner_that_dies_under_its_program_is_named_and_the_robot_stops_on_t
     cell.reset_and_move_home()
 
 
-def test_a_planner_that_was_started_again_does_not_leave_its_program_to_itself(
-    cell: Cell, graph: Any
-) -> None:
+def test_restart_of_the_planner_stops_its_running_program(cell: Cell, graph: Any) -> None:
     cell.operator.send_program(SLOW)
     cell.operator.call('start')
     graph.spin_until(lambda: cell.task.progress().state == 'moving', 'the motion')
@@ -398,7 +396,7 @@ def test_a_planner_that_was_started_again_does_not_leave_its_program_to_itself(
 
 
 @pytest.mark.long
-def test_a_planner_may_die_while_nothing_moves(cell: Cell, graph: Any) -> None:
+def test_planner_may_die_at_rest(cell: Cell, graph: Any) -> None:
     (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
     cell.take_away(planner)
     cycles = cell.task.progress().cycles

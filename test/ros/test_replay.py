@@ -299,7 +299,7 @@ def assert_nothing_asked(cell: Cell, state: str, messages: list[tuple[str, bytes
     assert (now.moves, now.override) == (queue.moves, queue.override), state
 
 
-def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whole(
+def test_bag_of_the_current_session_changes_nothing_by_topic_or_complete(
     recorded: tuple[Cell, list[tuple[str, bytes]]],
 ) -> None:
     cell, messages = recorded

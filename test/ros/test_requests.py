@@ -167,7 +167,7 @@ def test_every_request_with_an_operator_and_a_number_gets_a_reply(cell: Cell) ->
         assert reply.sentence == 'request 8 came after request 9 of the same operator'
 
 
-def test_requests_without_an_operator_are_answered_and_none_is_taken_for_another(cell: Cell) -> None:
+def test_requests_without_an_operator_are_answered_separately(cell: Cell) -> None:
     client = Client(cell)
     assert (
         client.send('unit_robot', client.document('unit_robot', '', 1, 'clear')).sentence
@@ -321,7 +321,7 @@ class Wire:
         self.receive = lambda request: callback(serialize_message(String(data=request.to_json())))
 
 
-def test_a_request_that_is_repeated_gets_its_end_and_never_a_report_of_progress() -> None:
+def test_repeated_request_receives_its_final_reply_and_never_progress() -> None:
     wire: Any = Wire()
     served: list[Request] = []
     server = RequestServer(

@@ -32,12 +32,12 @@ def test_the_line_of_the_error_leads_from_the_tcp_to_where_it_should_be_magnifie
     assert [command.pose.position.x, command.pose.position.y] == pytest.approx((HOME + error)[:2])
 
 
-def test_a_place_where_the_arms_cannot_be_is_not_shown(markers: RobotMarkers) -> None:
+def test_unreachable_place_of_the_arms_is_not_shown(markers: RobotMarkers) -> None:
     assert markers.robot(np.full(3, np.nan)) == []
     assert markers.robot(kinematics.inverse(HOME, ROBOT))
 
 
-def test_the_tool_of_a_rotary_axis_is_turned_and_nothing_else(markers: RobotMarkers) -> None:
+def test_only_the_tool_of_a_rotary_axis_is_turned(markers: RobotMarkers) -> None:
     theta, turn = kinematics.inverse(HOME, ROBOT), math.radians(70.0)
     turning = RobotMarkers(ROBOT.replace(rotary__present=True), MAGNIFICATION)
     before = {(marker.ns, marker.id): marker for marker in markers.robot(theta, turn)}

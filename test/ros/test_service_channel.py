@@ -53,7 +53,7 @@ def test_a_gain_is_read_and_written_while_the_cycle_runs(cell: Cell) -> None:
     assert cell.task.progress().fault == ''
 
 
-def test_an_access_takes_about_ten_cycles_and_its_words_are_in_the_telegrams(cell: Cell) -> None:
+def test_service_access_takes_about_ten_cycles_and_its_words_are_in_the_telegrams(cell: Cell) -> None:
     cell.operator.drive('axis3 read S-0-0104')  # opens the channel
     cell.telegrams.clear()
     cell.operator.drive('axis3 write S-0-0104 61')
@@ -73,7 +73,7 @@ def test_actual_values_are_those_of_the_drive(cell: Cell) -> None:
     assert cell.operator.drive('axis1 read S-0-0134').endswith('= 0xe000')
 
 
-def test_simultaneous_operators_get_their_own_replies(cell: Cell) -> None:
+def test_simultaneous_operators_receive_their_own_replies(cell: Cell) -> None:
     asked: list[str] = []
 
     def ask_in_between(seconds: float) -> None:
@@ -159,7 +159,7 @@ REFUSED = [
 ]
 
 
-def test_what_cannot_be_done_is_answered_with_its_number(cell: Cell) -> None:
+def test_rejected_access_is_answered_with_its_number(cell: Cell) -> None:
     for request, sentence in REFUSED:
         assert sentence in cell.refusal(request), request
         assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
@@ -271,7 +271,7 @@ REFUSED_PARAMETERS = [
 ]
 
 
-def test_a_parameter_that_cannot_be_set_is_rejected_as_in_the_service_channel_and_stays(cell: Cell) -> None:
+def test_read_only_parameter_is_rejected_as_in_the_service_channel_and_unchanged(cell: Cell) -> None:
     drive = cell.drives[1]
     before = drive.drive.constants.copy()
     for name, value, reason in REFUSED_PARAMETERS:
@@ -284,7 +284,7 @@ def test_a_parameter_that_cannot_be_set_is_rejected_as_in_the_service_channel_an
     assert drive.drive.constants == before
 
 
-def test_of_several_parameters_all_are_set_or_none(cell: Cell) -> None:
+def test_several_parameters_are_set_together_or_not(cell: Cell) -> None:
     given = [('drive.position_gain_rad_s_rad', 70), ('drive.velocity_feedforward', 5.0)]
     request = SetParametersAtomically.Request(
         parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in given]
@@ -312,7 +312,7 @@ def test_ranges_of_parameters_are_readable(cell: Cell) -> None:
         (['axis1', 'S-0-0099', 'command'], 'axis1 command S-0-0099'),
     ],
 )
-def test_the_command_line_asks_the_drive(
+def test_command_line_reads_from_the_drive(
     arguments: list[str], request_: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []

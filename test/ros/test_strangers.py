@@ -91,9 +91,7 @@ SHAFTS = {'position': [0.0] * 3, 'velocity': [0.0] * 3, 'effort': [0.0] * 3}
 
 
 @pytest.mark.parametrize('huge', [-1e300, float('nan')])
-def test_numbers_that_no_machine_has_are_rejected_although_everything_else_is_right(
-    huge: float, cell: Cell
-) -> None:
+def test_impossible_numbers_in_a_valid_message_are_rejected(huge: float, cell: Cell) -> None:
     session = cell.task.controller.bus.session.decode()
     make = forged(cell, effort=[huge] * 16)
     cell.publish(
@@ -300,7 +298,7 @@ def test_orders_out_of_range_are_rejected(cell: Cell) -> None:
     cell.assert_untouched()
 
 
-def test_a_plan_that_turns_a_motor_too_fast_is_rejected_by_the_task_itself(cell: Cell) -> None:
+def test_plan_beyond_motor_speed_is_rejected_by_the_task(cell: Cell) -> None:
     from dataclasses import replace
 
     from delta3_pacdrive.planning.paths.move import Move
@@ -321,7 +319,7 @@ def test_a_plan_that_turns_a_motor_too_fast_is_rejected_by_the_task_itself(cell:
 # what an operator may do, and when ---------------------------------------------------------------------------------
 
 
-def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
+def test_enabling_starts_from_the_position_of_a_pushed_arm(cell: Cell) -> None:
     graph, operator = cell.graph, cell.operator
     operator.enable(False)
     graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')

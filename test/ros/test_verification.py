@@ -102,7 +102,7 @@ def test_a_fault_that_stops_the_robot_is_timed_and_measured(catalogue: Catalogue
 
 
 @pytest.mark.long
-def test_a_fault_that_hides_in_a_disabled_drive_shows_itself_in_the_exercise(catalogue: Catalogue) -> None:
+def test_hidden_fault_of_a_disabled_drive_is_detected_by_the_exercise(catalogue: Catalogue) -> None:
     found = outcome_of(catalogue, State.DISABLED, '8905', fault='winding_short', axis='axis1')
     assert found.as_expected, found
     assert found.exercised
@@ -223,7 +223,7 @@ def test_an_undisturbed_program_is_held_against_its_commands_and_its_end(replay:
     assert 200 < figures.cycles < 20_000
 
 
-def test_a_disturbed_program_counts_its_faults_and_what_they_took_away(replay: Replay) -> None:
+def test_disturbed_program_counts_its_faults_and_their_losses(replay: Replay) -> None:
     figures = replay.run(
         [THERE],
         {'fault': 'drop_at', 'axis': 'axis1', 'cycles': 1, 'after_s': 0.1},

@@ -44,7 +44,7 @@ def test_a_spoke_of_the_plate_ends_in_the_axis_of_each_pair_of_joints(robot):
     assert {axis.length_m for axis in axes} == {scene.Sizes.of(robot.kinematics).rod_distance_m}
 
 
-def test_the_workspace_is_the_cylinder_in_which_moves_may_go(robot):
+def test_workspace_is_the_cylinder_of_allowed_moves(robot):
     (cylinder,) = named(robot, 'workspace').shapes
     k = robot.kinematics
     assert 2.0 * cylinder.radius_m == k.workspace_diameter_m
@@ -52,7 +52,7 @@ def test_the_workspace_is_the_cylinder_in_which_moves_may_go(robot):
     assert (middle - half, middle + half) == pytest.approx((k.workspace_bottom_m, k.workspace_top_m))
 
 
-def test_what_is_carried_hangs_below_the_tcp_and_is_as_large_as_its_mass_in_water(robot):
+def test_payload_is_drawn_below_the_tcp_with_the_density_of_water(robot):
     (cube,) = named(robot, 'payload', payload_kg=2.0).shapes
     assert isinstance(cube, Box)
     assert np.prod(cube.size_m) * 1000.0 == pytest.approx(2.0)

@@ -81,7 +81,7 @@ def test_the_plate_is_level_and_where_forward_kinematics_has_the_tcp(machine):
         assert np.array_equal(quaternion, np.tile([0.0, 0.0, 0.0, 1.0], (len(theta), 1)))
 
 
-def test_a_third_of_a_turn_takes_every_arm_to_the_place_of_the_next(robot):
+def test_third_of_a_turn_maps_every_arm_to_the_next(robot):
     theta = workspace(robot, 200)
     before, after = scene.poses(theta, robot), scene.poses(np.roll(theta, 1, axis=1), robot)
     turn = Rotation.from_euler('z', 120.0, degrees=True)

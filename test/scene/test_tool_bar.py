@@ -57,9 +57,7 @@ def test_tube_and_rod_form_one_line_from_motor_to_tool_and_never_separate(turnin
 
 
 @pytest.mark.parametrize('degrees', [0.0, 40.0, -170.0, 300.0])
-def test_the_tool_and_what_hangs_on_it_are_turned_counter_clockwise_and_nothing_else_is(
-    degrees, machine, turning
-):
+def test_only_the_tool_and_its_load_are_turned_counter_clockwise(degrees, machine, turning):
     theta = workspace(turning, 20, 5)
     plain, there = poses(theta, machine), poses(theta, turning, math.radians(degrees))
     x = [math.cos(math.radians(degrees)), math.sin(math.radians(degrees)), 0.0]
@@ -94,7 +92,7 @@ def test_bar_turns_with_the_tool_and_leans_the_shortest_way(robot):
     assert (leaning.inv() * turned).as_rotvec() == pytest.approx([0.0, 0.0, 0.9])
 
 
-def test_where_the_arms_reach_nothing_the_bar_is_nowhere_and_its_motor_stays(robot):
+def test_for_unreachable_positions_the_bar_is_hidden_and_its_motor_stays(robot):
     short = robot.replace(rotary__present=True, kinematics__forearm_length_m=0.5)
     there = poses(np.zeros(3), short, unreachable='nan')
     assert np.isnan(there.of('bar_rod')[0]).all()

@@ -97,7 +97,7 @@ def test_the_axes_have_the_end_stops_speed_and_torque_of_the_robot(model, robot)
         assert limit.effort == pytest.approx(32.0 * motor.torque_constant_n_m_a * motor.peak_current_a)
 
 
-def test_masses_are_those_of_the_dynamics_and_the_root_has_none(model, robot):
+def test_masses_are_those_of_the_dynamics_and_the_root_is_massless(model, robot):
     d = robot.dynamics
     mass = {name: link.inertial.mass for name, link in model.link_map.items() if link.inertial is not None}
     arms = 3.0 * (d.upper_arm_mass_kg + d.elbow_mass_kg + d.forearm_mass_kg)

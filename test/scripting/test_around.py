@@ -55,7 +55,7 @@ def take(robot):
     return True
 
 
-def test_a_script_notices_a_gripper_that_closes_on_nothing(robot, tray):
+def test_script_detects_a_grip_without_a_part(robot, tray):
     with scripting.simulate(robot, cell=tray) as called:
         taken = [take(called), take(called)]
     assert taken == [True, False]

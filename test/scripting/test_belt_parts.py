@@ -79,7 +79,7 @@ def test_parts_of_a_type_are_carried_from_one_moving_belt_to_another(carried):
     assert trace.meta['cell']['missed'] == 0
 
 
-def test_they_lie_on_the_other_belt_at_least_a_pitch_apart_and_in_its_middle(carried):
+def test_placed_parts_lie_in_the_middle_of_the_other_belt_at_least_a_pitch_apart(carried):
     trace, _ = carried
     there = [one for one in trace.meta['cell']['parts'] if one['where'] == 'out']
     way, tcp = trace.signals['cell_belts'][:, 1], trace.signals['tcp_true']
@@ -159,7 +159,7 @@ def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
 
 
 @pytest.mark.parametrize(('kind', 'told'), [('baar', "'baar'"), (1, '1')])
-def test_a_kind_of_part_that_the_cell_does_not_know_is_rejected_at_once(robot, kind, told):
+def test_unknown_kind_of_part_is_rejected_immediately(robot, kind, told):
     with scripting.simulate(robot, cell=mixed()) as called:
         begun = called.state().cycle
         with pytest.raises(scripting.ScriptError) as refused:

@@ -40,7 +40,7 @@ def stands(trace, cycles=8):
     return np.ptp(trace.signals['tcp_command'][-cycles:], axis=0).max() == 0.0
 
 
-def test_what_would_not_be_done_in_the_window_is_rejected_and_the_robot_stays_where_it_is(robot):
+def test_work_that_exceeds_the_window_is_rejected_and_the_robot_does_not_move(robot):
     with scripting.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: stays(called, 2.0))
         here = called.state()
@@ -306,7 +306,7 @@ def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
     assert sentence in str(told.value)
 
 
-def test_a_belt_whose_encoder_shakes_the_robot_is_not_tracked(robot):
+def test_belt_with_a_noisy_encoder_is_not_tracked(robot):
     coarse = {'bits': 10, 'circumference_mm': 200}
     with scripting.simulate(robot, cell=around(SLOW, 1, encoder=coarse)) as called:
         error = refused(called, lambda _: above(called, lambda _: None))
@@ -346,7 +346,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_work_that_makes_no_sense_is_rejected_and_nothing_moves(robot, case):
+def test_invalid_work_is_rejected_before_motion(robot, case):
     work, sentence = WRONG[case]
 
     def wrong(called):
@@ -366,7 +366,7 @@ def test_cell_without_belts_is_rejected(robot):
         )
 
 
-def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_rejected_before_anything_moves(robot):
+def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_rejected_before_motion(robot):
     # at the end of its window the robot cannot come to rest within the workspace without a move that leads back
     near_the_rim = {'window_mm': [450, 1280]}
     with scripting.simulate(robot, cell=around([speed_of(1.5)], 1, **near_the_rim)) as called:

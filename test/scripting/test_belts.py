@@ -242,7 +242,7 @@ def test_belt_and_move_together_keep_the_tcp_speed_limit_in_every_cycle(robot):
     assert 0.98 * 1.9 < fastest <= 1.92
 
 
-def test_belt_and_move_that_are_too_fast_together_are_rejected_before_anything_moves(robot):
+def test_belt_and_move_with_an_excessive_sum_of_speeds_are_rejected_before_motion(robot):
     fastest, error = along_belt(robot, 1.91, [speed_of(1.0)])
     assert fastest == 0.0
     assert 'TCP speed would be 1.89' in error

@@ -209,7 +209,7 @@ def test_outputs_alone_take_effect_as_well(robot):
     assert trace.meta['outputs'][0]['time_s'] == pytest.approx((on[0] - trace.meta['start_cycle']) * 1e-3)
 
 
-def test_hold_keeps_the_path_and_what_is_ordered(robot):
+def test_hold_keeps_the_path_and_the_orders(robot):
     states = []
 
     def script(called):
@@ -228,7 +228,7 @@ def test_hold_keeps_the_path_and_what_is_ordered(robot):
     assert [move['kind'] for move in trace.meta['moves']] == ['line', 'line']
 
 
-def test_an_override_holds_for_what_is_driven_and_what_follows(robot):
+def test_override_applies_to_the_active_and_following_moves(robot):
     def script(called, percent):
         if percent != 100:
             called.override(percent)

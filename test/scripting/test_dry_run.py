@@ -31,7 +31,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_each_move_has_its_line_and_what_limits_it(folder, capsys):
+def test_each_move_has_its_line_and_its_active_limit(folder, capsys):
     assert plan.main(['pick.py', '--cell', 'own.yaml', '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert [move['kind'] for move in found['moves']] == ['blended', 'dwell', 'line']

@@ -43,7 +43,7 @@ def test_script_with_frame_tool_cubic_and_arm_angles_has_the_bits_of_its_program
     assert np.array_equal(called.trace['tcp_command'], d3.simulate(program, robot)['tcp_command'])
 
 
-def test_what_a_tool_weighs_counts_to_the_payload_from_the_next_move_on(robot):
+def test_weight_of_a_tool_is_added_to_the_payload_from_the_next_move_on(robot):
     with scripting.simulate(robot.replace(dynamics__payload_mass_kg=0.0)) as called:
         called.use(tool=CUP)
         called.move_l(to_mm=[20, 0, -770])
@@ -58,7 +58,7 @@ def test_what_a_tool_weighs_counts_to_the_payload_from_the_next_move_on(robot):
     assert (gripped_kg, left_kg) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.1, abs=1e-3))
 
 
-def test_a_cubic_that_would_be_left_in_motion_is_rejected_and_nothing_moves(robot):
+def test_cubic_that_ends_in_motion_is_rejected_before_motion(robot):
     with scripting.simulate(robot) as called:
         called.cubic(to_mm=[0, 20, -770], duration_s=0.4, end_velocity_m_s=[0.0, -0.1, 0.0])
         with pytest.raises(scripting.ScriptError) as caught:
@@ -87,7 +87,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_what_a_script_cannot_mean_is_rejected_in_its_line(robot, tmp_path, case):
+def test_invalid_call_of_a_script_is_rejected_with_its_line(robot, tmp_path, case):
     path = tmp_path / 'own.yaml'
     path.write_text('outputs: {suction: {output: output3}}\n')
     script, told = WRONG[case]
@@ -98,7 +98,7 @@ def test_what_a_script_cannot_mean_is_rejected_in_its_line(robot, tmp_path, case
         script(called)
 
 
-def test_a_script_switches_and_sees_outputs_by_the_names_of_the_cell(robot, tmp_path):
+def test_script_sets_and_reads_outputs_by_the_names_of_the_cell(robot, tmp_path):
     path = tmp_path / 'own.yaml'
     path.write_text(
         'outputs: {clamp: {output: output3, delays: {on_s: 0.03}}}\ninputs: {clamped: {follows: clamp}}\n'

@@ -81,7 +81,7 @@ def told(script, robot, **options):
 
 
 @pytest.mark.parametrize('what', WRONG)
-def test_what_is_wrong_is_rejected_in_its_line(robot, what):
+def test_invalid_line_is_rejected_with_its_number(robot, what):
     script, code, sentence = WRONG[what]
     error, trace = told(script, robot, inputs={'part': []})
     assert error.code == code
@@ -99,7 +99,7 @@ def test_rejected_call_may_be_caught_and_the_script_continues(robot):
     assert called.trace.meta['planned_end_m'] == pytest.approx([0.1, 0.0, -0.8])
 
 
-def test_move_that_cannot_be_planned_is_reported_with_its_line(robot):
+def test_unplannable_move_is_reported_with_its_line(robot):
     def script(called):
         called.move_l(**MOVE)
         called.move_l(to_mm=[800, 0, -800])
@@ -222,7 +222,7 @@ def test_a_simulation_of_no_time_is_rejected(robot):
             pass
 
 
-def test_a_robot_whose_script_has_ended_takes_no_calls(robot):
+def test_robot_of_an_ended_script_accepts_no_calls(robot):
     with scripting.simulate(robot) as called:
         called.move_l(**MOVE)
     for call in (lambda: called.move_l(**MOVE), called.wait, called.state):

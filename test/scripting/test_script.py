@@ -82,7 +82,7 @@ def test_a_script_that_is_not_there_is_rejected(folder):
         script.load('nobody.py')
 
 
-def test_what_goes_wrong_in_a_script_is_one_sentence_with_its_line(folder, robot):
+def test_error_in_a_script_gives_one_message_with_its_line(folder, robot):
     error = run(folder, robot, 'def main(robot):\n    helper()\n\ndef helper():\n    {}["part"]\n')
     assert (str(error), error.code) == ("own.py:5: KeyError: 'part'", Code.CONTENT)
     error = run(folder, robot, 'def main(robot):\n    robot.move_l(to_mm=1)\n')
@@ -151,7 +151,7 @@ def test_stepping_asks_before_each_move_of_a_robot_at_rest():
     assert asked[1][3] == pytest.approx((0.1, 0.0, -0.8), abs=1e-4)
 
 
-def test_step_by_step_a_turn_of_the_tool_is_asked_for_too():
+def test_step_mode_asks_before_a_turn_of_the_tool_too():
     asked = []
     with scripting.simulate(parameters='rotary') as robot:
         robot.step_by_step(lambda place, kind: asked.append(kind))

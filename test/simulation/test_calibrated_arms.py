@@ -39,7 +39,7 @@ def off_m(trace):
     return np.linalg.norm(trace['tcp_true'] - trace['tcp_actual'], axis=1)
 
 
-def test_a_controller_that_knows_its_arms_sees_the_true_tcp(crooked, program):
+def test_calibrated_controller_computes_the_true_tcp(crooked, program):
     assert off_m(run(program, crooked)).min() > 1e-4
     knowing = run(program, crooked.replace(**CORRECTIONS))
     assert off_m(knowing).max() < SEEN_M
@@ -83,7 +83,7 @@ def test_every_arm_has_its_own_zero_angle(robot):
         assert turned == [other == arm for other in range(3)]
 
 
-def test_planning_takes_the_calibrated_arms(robot, program):
+def test_planning_uses_the_calibrated_arms(robot, program):
     """Longer upper arms turn less for the same way: the motors of the plan are slower."""
     long_arms = robot.replace(kinematics__upper_arm_correction_m=[0.02, 0.02, 0.02])
     speeds = [np.abs(run(program, one)['motor_speed']).max() for one in (robot, long_arms)]

@@ -49,7 +49,7 @@ def test_the_packaging_cycle_really_takes_and_places_ten_cartons(trace):
     assert set(np.diff(picked)) <= {ROUND_CYCLES - 1, ROUND_CYCLES}
 
 
-def test_the_plant_carries_the_part_from_the_pick_to_the_release_whatever_the_controller_believes(trace):
+def test_plant_carries_the_part_from_pick_to_release_independent_of_the_controller(trace):
     parts = [part for part in trace.meta['cell']['parts'] if part['picked_cycle'] >= 0]
     carried = np.zeros(len(trace.time_s))
     for part in parts:
@@ -79,7 +79,7 @@ def test_the_motors_feel_a_part_that_the_controller_does_not_know_of(robot, cell
     )
 
 
-def test_each_signal_of_a_cell_is_what_it_is_called(trace):
+def test_each_signal_of_a_cell_agrees_with_its_name(trace):
     assert {name for name in REQUESTED_SIGNALS if name.startswith('cell_')} == set(OF_CELL)
     inputs = dict(zip(trace.meta['cell']['inputs'], trace['cell_inputs'].T, strict=False))
     vacuum, force = trace['cell_vacuum'][:, 0], trace['cell_force']
@@ -101,7 +101,7 @@ def test_undersized_cup_loses_every_part_and_reports_the_force():
     assert all(part['hold_force_n'] == pytest.approx(95.4, abs=0.2) for part in lost['parts'][:10])
 
 
-def test_a_gripper_that_closes_on_nothing_has_no_vacuum(robot, cell):
+def test_gripper_without_a_part_has_no_vacuum(robot, cell):
     document = {
         'start_m': [0.0, 0.1, -0.85],
         'moves': [
@@ -132,7 +132,7 @@ def test_the_same_cell_gives_the_same_bits_again(robot, cell, packaging, trace):
     assert again.meta['cell'] == trace.meta['cell']
 
 
-def test_a_payload_that_an_injected_fault_takes_away_is_lost_in_the_cell_too(robot):
+def test_payload_lost_by_an_injected_fault_is_lost_in_the_cell_too(robot):
     around = packaged()
     around['supplies']['infeed']['count'] = 1
     cell = cell_file.parse(around)
@@ -153,7 +153,7 @@ def test_a_payload_that_an_injected_fault_takes_away_is_lost_in_the_cell_too(rob
     assert (carried[start + 99], carried[start + 100]) == (0.5, 0.0)
 
 
-def test_the_public_face_takes_a_cell_by_name_by_file_and_as_a_document(tmp_path):
+def test_public_interface_accepts_a_cell_by_name_by_file_and_as_a_document(tmp_path):
     (tmp_path / 'mine.yaml').write_text('name: mine\n', encoding='utf-8')
     names = [
         d3.simulate('experiment1', cell=source).meta['cell']['cell']

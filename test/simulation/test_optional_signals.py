@@ -45,7 +45,7 @@ def test_outputs_and_payload_change_as_planned(pair):
     assert len(OUTPUT_COLUMNS) == len(OUTPUTS)
 
 
-def test_channels_once_in_a_cycle_are_what_the_oscilloscope_shows_at_its_start(robot):
+def test_channels_sampled_once_per_cycle_equal_the_oscilloscope_at_its_start(robot):
     program, names = (
         program_file.load('experiment3', robot.motion),
         ('current', 'speed_reference', 'phase_voltage_2', 'status'),

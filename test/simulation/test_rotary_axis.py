@@ -51,7 +51,7 @@ def turned(machine):
     return simulation.run(program(half_cycles(turn=True), machine), machine)
 
 
-def test_half_a_turn_takes_no_time_from_half_a_packaging_cycle_and_is_exact_at_the_place(turned, machine):
+def test_half_a_turn_does_not_lengthen_half_a_packaging_cycle_and_is_exact_at_the_place(turned, machine):
     alone = simulation.run(program(half_cycles(turn=False), machine), machine)
     assert turned.meta['program_s'] == alone.meta['program_s']
     assert turned.meta['notices'] == []
@@ -118,7 +118,7 @@ def test_the_figures_of_a_run_are_those_of_its_signals_where_moves_end(name):
     assert figures['turn_error_max_rad'] > by_encoder.max()
 
 
-def test_where_moves_end_is_known_at_an_override(machine):
+def test_end_of_moves_is_known_at_an_override(machine):
     stepped, _, task = operation(machine, [*LINE, {'dwell': {'time_s': 0.1}}])
     end = task.timeline.plan.tables.starts[1]
     start, delay = machine.motion.start_cycle, machine.set_point_delay_cycles
@@ -157,7 +157,7 @@ def test_second_program_has_separate_figures(machine):
     assert figures.place_error_max_rad <= figures.error_max_rad < 1e-5
 
 
-def test_the_axis_needs_the_current_that_its_inertia_and_friction_ask_for(turned, machine):
+def test_axis_current_agrees_with_inertia_and_friction(turned, machine):
     rotary, current = machine.rotary, turned['turn_current'][:, 0]
     acceleration = np.gradient(np.gradient(turned['turn_true'][:, 0])) / turned.meta['cycle_time_s'] ** 2
     torque = rotary.shaft_inertia_kg_m2(0.5) * rotary.gear_ratio * acceleration

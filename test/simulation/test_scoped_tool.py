@@ -63,7 +63,7 @@ def test_a_fault_of_the_tool_triggers(machine):
     assert of_arm.max() == 0.0
 
 
-def test_a_tool_that_is_not_there_cannot_be_looked_at(machine):
+def test_oscilloscope_of_an_absent_rotary_axis_is_rejected(machine):
     robot = machine.replace(rotary__present=False)
     program = programs.parse({'moves': [{'dwell': {'time_s': 0.1}}]}, robot.motion)
     for channels, trigger in ((['axis4.current'], None), (['axis1.current'], 'axis4.current')):

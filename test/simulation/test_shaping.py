@@ -54,7 +54,7 @@ def stays_ms(robot, kind, within_m):
 
 
 @pytest.mark.parametrize('kind', ['zvd', 'smooth'])
-def test_shaping_takes_20_db_off_the_vibration_for_one_period_more(kind, built):
+def test_shaping_reduces_the_vibration_by_20_db_for_one_more_period(kind, built):
     before_ms, before = stopped(built, 'none')
     after_ms, after = stopped(built, kind)
     assert 20.0 * math.log10(before / after) > LESS_DB
@@ -73,7 +73,7 @@ def test_a_frequency_that_is_wrong_by_a_tenth_does_little_harm(kind, wrong, buil
 @pytest.mark.parametrize(
     ('kind', 'expected_ms'), [('none', (172, 174)), ('zv', (178, 199)), ('smooth', (183, 204))]
 )
-def test_what_friction_lets_creep_stays_so_that_shaping_does_not_arrive_earlier(kind, expected_ms, built):
+def test_shaping_does_not_shorten_settling_because_friction_causes_creep(kind, expected_ms, built):
     told_ms = tuple(stays_ms(built, kind, within_m) for within_m in (0.05e-3, 0.03e-3))  # control_engineer.md
     assert told_ms == pytest.approx(expected_ms, abs=1)
 
@@ -85,7 +85,7 @@ def test_in_another_direction_it_is_as_much(built):
     assert 20.0 * math.log10(before / after) > LESS_DB
 
 
-def test_what_creeps_does_not_swing():
+def test_creep_is_not_counted_as_vibration():
     times = np.arange(100.0)
     creeps = np.stack([np.exp(-times / 20.0), -np.exp(-times / 30.0), 0.0 * times], axis=1)
     assert swing_m(creeps) < 1e-12

@@ -196,7 +196,7 @@ def test_robot_is_at_rest_while_it_is_not_enabled(robot):
     assert not standing.answers[2].any()
 
 
-def test_many_bus_cycles_at_once_have_the_bits_of_one_after_the_other(robot):
+def test_batch_of_bus_cycles_has_the_bits_of_single_ones(robot):
     at_once, one_by_one = Robot(robot), Robot(robot)
     commands = np.array(at_once.encoder_positions()) + np.linspace(0.0, 0.02, 300)[:, None]
     expected = []
@@ -216,7 +216,7 @@ def test_a_trace_survives_its_file_to_the_last_bit(trace, tmp_path):
         assert back[name].tobytes() == trace[name].tobytes()
 
 
-def test_a_trace_file_that_was_cut_off_or_damaged_gets_one_sentence(trace, tmp_path):
+def test_truncated_or_damaged_trace_file_is_rejected_with_one_message(trace, tmp_path):
     path = tmp_path / 'run.npz'
     trace.save(path)
     content = path.read_bytes()
@@ -231,7 +231,7 @@ def test_a_trace_file_that_was_cut_off_or_damaged_gets_one_sentence(trace, tmp_p
 
 
 @pytest.mark.parametrize('content', [None, b'', b'not an archive', b'PK\x05\x06' + bytes(18)])
-def test_invalid_trace_file_gets_one_sentence(content, tmp_path):
+def test_invalid_trace_file_is_rejected_with_one_message(content, tmp_path):
     path = tmp_path / 'run.npz'
     if content is not None:
         path.write_bytes(content)
@@ -242,7 +242,7 @@ def test_invalid_trace_file_gets_one_sentence(content, tmp_path):
 
 
 @pytest.mark.parametrize(('option', 'period_s'), [([], 1e-3), (['--exchange-period', '125e-6'], 125e-6)])
-def test_the_command_simulates_with_the_exchange_period_that_is_asked_for(
+def test_command_simulates_with_the_requested_exchange_period(
     option, period_s, experiment1, robot, tmp_path, capsys
 ):
     assert main(['simulate', *option, '--trace', str(tmp_path / 'run.npz'), '--json']) == 0

@@ -46,7 +46,7 @@ def test_both_angles_reach_their_targets_with_the_tcp(trace, machine):
     assert share[0] == pytest.approx(share[1], abs=1e-5)
 
 
-def test_the_second_axis_changes_nothing_of_the_others(trace, machine):
+def test_second_axis_does_not_affect_the_others(trace, machine):
     one = machine.replace(rotary_2__present=False)
     alone = simulation.run(program(one, [{'move_l': LINE[0]['move_l'] | {'turn_deg': ANGLES_DEG[0]}}]), one)
     assert trace.signals.keys() - alone.signals.keys() == {f'{name}_2' for name in TURN_SIGNALS}

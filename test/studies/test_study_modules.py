@@ -49,7 +49,7 @@ def imported(tree):
 
 
 @pytest.mark.parametrize('study', WITH_DATA)
-def test_what_a_study_depends_on_and_finds_is_data_only(study):
+def test_study_module_contains_data_classes_only(study):
     tree = ast.parse((ROOM / study / 'study.py').read_text(encoding='utf-8'))
     assert not [node for node in body(tree) if isinstance(node, ast.FunctionDef)]
     classes = [node for node in body(tree) if isinstance(node, ast.ClassDef)]
@@ -71,7 +71,7 @@ def test_what_a_study_depends_on_and_finds_is_data_only(study):
 
 
 @pytest.mark.parametrize('study', RUN)
-def test_the_model_of_a_study_knows_nothing_of_how_it_is_run_and_shown(study):
+def test_model_of_a_study_does_not_import_its_run_and_report(study):
     for path in sorted((ROOM / study).glob('*.py')):
         if path.stem in LATER:
             continue

@@ -44,7 +44,7 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
 
 
 @pytest.mark.long
-def test_faults_lead_to_what_they_have_to_lead_to(
+def test_faults_have_their_specified_effects(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     done = delta3('faults', '--short', '--json', '--csv', tmp_path / 'table.csv', timeout=300.0)
@@ -74,7 +74,7 @@ def test_faults_lead_to_what_they_have_to_lead_to(
 @pytest.mark.parametrize(
     'only', ['winding_short axis4 moving', pytest.param('axis4 moving', marks=pytest.mark.long)]
 )
-def test_faults_of_a_rotary_axis_lead_to_what_they_have_to_lead_to(
+def test_faults_of_a_rotary_axis_have_their_specified_effects(
     only: str, delta3: Runner, nothing_left_behind: None
 ) -> None:
     options = ('--parameters', 'rotary', '--only', only)
@@ -113,9 +113,7 @@ def test_no_line_of_the_table_is_wider_than_100_columns() -> None:
         (None, 'goes on'),
     ],
 )
-def test_the_reaction_is_that_of_the_fault_whatever_its_sentence(
-    fault: RobotFault | None, reaction: str
-) -> None:
+def test_reaction_is_that_of_the_fault_for_any_message(fault: RobotFault | None, reaction: str) -> None:
     case = cases.Case({'fault': 'emergency_stop'}, cases.State.MOVING)
     assert cases.Outcome(case, reported=fault).reaction == reaction
 
@@ -156,7 +154,7 @@ def test_soak_too_short_for_a_program_fails(delta3: Runner, nothing_left_behind:
     assert done.stderr.splitlines()[-1] == 'error: fast: no program was completed within 0.001 minutes'
 
 
-def test_an_interrupted_catalogue_shows_what_it_has(
+def test_interrupted_catalogue_shows_its_finished_cases(
     start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path, nothing_left_behind: None
 ) -> None:
     process = start_delta3('faults', '--only', 'drop_mdt', '--csv', tmp_path / 'table.csv')

@@ -253,7 +253,7 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
 
 
 @pytest.mark.long
-def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
+def test_running_robot_receives_the_set_points_of_the_simulation(
     delta3: Runner,
     start_delta3: Callable[..., subprocess.Popen[str]],
     tmp_path: Path,

@@ -44,7 +44,7 @@ def name_of(pid: int) -> str:
     return Path(f'/proc/{pid}/comm').read_text().strip()
 
 
-def test_a_robot_shows_itself_to_ros_tools_and_its_visualization_may_die(
+def test_robot_is_visible_in_ros_tools_and_its_visualization_may_die(
     robot: subprocess.Popen[str], graph: Any, processes: Callable[[], list[str]]
 ) -> None:
     markers, clock = graph.listen(MarkerArray, 'markers'), graph.listen(Clock, '/clock')

@@ -168,7 +168,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     ('left', 'told'),
     [(60, 'it was cut off or is damaged'), (60_000, 'it contains no ')],
 )
-def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
+def test_unreadable_recording_keeps_the_other_results(
     left: int,
     told: str,
     tmp_path: Path,

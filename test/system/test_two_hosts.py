@@ -78,7 +78,7 @@ def test_link_loses_repeats_and_reorders_the_requested_packets(
     assert 1.1 < len(lossy) / len(set(lossy)) < 1.4
 
 
-def test_what_a_killed_process_has_left_is_taken_away_by_the_next(nothing_left_behind: None) -> None:
+def test_remains_of_a_killed_process_are_removed_by_the_next(nothing_left_behind: None) -> None:
     code = (
         'import os, signal; from delta3_pacdrive.benchmarks.two_hosts import two_hosts\n'
         "with two_hosts() as (near, _, _): near.start(['sleep', '1000'], stdout=-3); "

@@ -165,7 +165,7 @@ def test_interrupted_move_command_leaves_the_robot_at_rest_on_its_path(
     assert delta3('move', 'abort').returncode == 0
 
 
-def test_a_planner_goes_before_other_ordinary_processes(
+def test_planner_has_priority_over_other_ordinary_processes(
     robot: subprocess.Popen, processes: Callable[[], list[str]]
 ) -> None:
     """Else its heartbeat does not come through on a busy machine, and it is taken for dead."""
@@ -198,7 +198,7 @@ def test_a_client_that_detaches_leaves_the_robot_moving(robot: subprocess.Popen,
     assert states[0]['tcp_m'][0] < states[2]['tcp_m'][0]
 
 
-def test_a_second_client_is_rejected_by_the_name_of_the_first_until_it_takes_over(
+def test_second_client_is_rejected_with_the_name_of_the_first_until_it_takes_control(
     robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:
     first = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')

@@ -93,7 +93,7 @@ def press(visit: Visit, name: str) -> None:
 
 
 @pytest.mark.long
-def test_what_is_clicked_on_the_page_happens_to_the_robot(url: str, browser: Any, delta3: Runner) -> None:
+def test_clicks_on_the_page_control_the_robot(url: str, browser: Any, delta3: Runner) -> None:
     with Visit(browser, url) as visit:
         visit.page.get_by_text('idle', exact=True).first.wait_for()
         assert delta3('move', 'l', '0.3', '0', '-0.8', '--speed', '0.01', '--detach').returncode == 0
@@ -123,7 +123,7 @@ def jerk_m_s3(bag: Path) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
+def test_jog_stops_softly_on_release_of_the_button_and_on_loss_of_the_page(
     start_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
 ) -> None:
     robot = start_delta3('up', *SLOW, '--bag', str(tmp_path / 'bag'))

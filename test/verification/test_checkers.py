@@ -207,7 +207,7 @@ def test_an_undisturbed_program_keeps_the_nominal_limits(topic, column, value, w
     assert any(sentence.startswith(what) and cycle == 150 for sentence, cycle in said), said
 
 
-def test_what_a_robot_does_that_stops_hard_is_allowed(invariants, said, robot):
+def test_motion_of_a_hard_stop_is_allowed(invariants, said, robot):
     one = telegrams(shafts_at([HOME] * 5, robot))
     invariants.check(SHAFTS, changed(one, 3, 0, math.radians(107.9) * GEAR))  # leans on its end stop
     edge = (0.6005, 0.0, -0.8)  # a stop that ends outside its workspace
@@ -321,7 +321,7 @@ def test_soak_checks_every_telegram_against_the_invariants(robot):
     assert not figures.ok
 
 
-def test_a_soak_is_ok_if_programs_ran_nothing_was_violated_and_every_fault_was_survived():
+def test_soak_is_ok_if_programs_ran_invariants_held_and_every_fault_was_survived():
     good = Figures(programs=3, injected=2, survived=2)
     assert good.ok
     assert not replace(good, programs=0).ok
@@ -369,7 +369,7 @@ def test_evidence_names_deviation_and_amount():
     assert loaded(record(coupling=np.full(QUIET, -1.75))) == 'carries 1.75 N m'
 
 
-def test_evidence_is_what_lasts_and_not_a_single_cycle():
+def test_single_cycle_is_no_evidence_of_a_load():
     spike = np.full(QUIET, 0.3)
     spike[100] = 5.0
     assert burdened(record(torque=spike)) == ''
@@ -496,7 +496,7 @@ class Operated(AutomatedOperator):
         ('error', '8171', False, True),
     ],
 )
-def test_robot_is_at_rest_when_nothing_moves(state, fault, in_torque, stands):
+def test_robot_without_motion_is_at_rest(state, fault, in_torque, stands):
     assert Operated(state, fault, in_torque).is_at_rest() is stands
 
 
@@ -516,7 +516,7 @@ def told_to_start(*answers):
     return one, asked
 
 
-def test_a_planner_that_has_hung_is_asked_again_until_it_is_listened_to(monkeypatch):
+def test_planner_that_has_hung_is_queried_until_it_is_accepted(monkeypatch):
     monkeypatch.setattr(Operated, 'fresh', lambda self: self.progress)
     one, asked = told_to_start(Code.BUS, Code.BUS, None)
     one.drive([{'dwell': {'time_s': 0.1}}])

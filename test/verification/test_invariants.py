@@ -158,7 +158,7 @@ def test_bus_time_advances_only_after_phase_up(
         (MDT, shifted(0, 0.3), 'the true TCP is'),
     ],
 )
-def test_what_a_disturbed_robot_may_do_an_undisturbed_one_must_not(
+def test_deviations_allowed_for_a_disturbed_robot_are_violations_of_an_undisturbed_one(
     topic: str,
     mutate: Callable[[Telegrams], None],
     sentence: str,
@@ -206,7 +206,7 @@ def info(number: int) -> dict[str, int]:
     return {'received_timestamp': number, 'publication_sequence_number': 100 + number}
 
 
-def test_a_telegram_that_cannot_be_read_is_rejected() -> None:
+def test_unreadable_telegram_is_rejected() -> None:
     refused: list[str] = []
     data = CODECS[MDT].encode((1, 0), b'x' * 46 + b'3fa9', [1.0, 2.0, 3.0])
     taken = [(data, info(5_000_000_000)), (data[:-8], info(6_000_000_000)), (data, info(7_000_000_000))]

@@ -70,7 +70,7 @@ def test_failed_case_is_reported_and_fails_the_command(judged, capsys):
     assert [row['ok'] for row in result['cases']] == [True, False]
 
 
-def test_the_logs_of_the_processes_are_kept_where_that_is_asked_for(monkeypatch, tmp_path, capsys):
+def test_process_logs_are_kept_on_request(monkeypatch, tmp_path, capsys):
     robots = []
     monkeypatch.setattr(catalogue, 'Bringup', lambda options, **_: robots.append(options))
     monkeypatch.setattr(catalogue, 'run_operated', lambda *_: None)
@@ -120,7 +120,7 @@ def soaked(monkeypatch):
     return end
 
 
-def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
+def test_soak_prints_its_actions_and_results(soaked, capsys):
     pace = soaked()
     assert soak.main(['--pace', pace]) == 0
     assert lines(capsys) == [

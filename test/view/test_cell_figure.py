@@ -77,7 +77,7 @@ def test_parts_are_boxes_on_their_undersides():
     assert len(boxes(scene)[0]) == 0
 
 
-def test_cell_at_rest_sends_nothing_and_moving_parts_little():
+def test_cell_at_rest_sends_no_data_and_moving_parts_send_little():
     scene = Scene()
     figure = CellFigure(scene, [BELT])
     lying = tuple(part(n) for n in range(10))
@@ -89,7 +89,7 @@ def test_cell_at_rest_sends_nothing_and_moving_parts_little():
     assert scene.told == before + 2  # the marks of the belt, and the places of all parts
 
 
-def test_new_boxes_have_their_parts_in_front_and_nothing_behind():
+def test_new_boxes_start_with_their_parts_and_no_message_follows_immediately():
     """A busy browser loses the colours of a message that follows the boxes immediately."""
     scene = Scene()
     figure = CellFigure(scene, [])
@@ -109,7 +109,7 @@ def test_there_is_room_for_many_parts_and_the_newest_are_drawn():
         assert middles[:, 0].tolist() == list(range(max(0, count - PARTS_MAX), count))
 
 
-def test_the_marks_of_a_belt_go_with_its_surface_and_never_leave_it():
+def test_marks_of_a_belt_move_with_its_surface_and_never_leave_it():
     scene = Scene()
     figure = CellFigure(scene, [BELT])
     (slab,), (marks,) = scene.of('box'), scene.of('line_segments')

@@ -49,7 +49,7 @@ def places(now, time_s=1.0, tcp_m=TCP):
     return {part.number: part.at_m for part in now.at(time_s, tcp_m).parts}
 
 
-def test_parts_lie_ride_hang_at_the_tcp_and_go():
+def test_parts_lie_ride_on_belts_hang_at_the_tcp_and_disappear():
     now = one_belt()
     riding, in_hand = stay('riding', count=50), stay('in hand', (0.01, 0.0, -0.02))
     now.take_parts(parts(stay('lying'), riding, in_hand, stay('gone')))
@@ -73,7 +73,7 @@ def test_a_part_in_hand_turns_with_the_tool_and_others_stay_as_they_are():
     assert in_hand.angle_rad == pytest.approx(0.1 + np.pi / 2)
 
 
-def test_belts_and_what_rides_on_them_are_where_they_were_at_the_time_that_is_shown():
+def test_belts_and_their_parts_are_drawn_at_their_positions_of_the_displayed_time():
     now = one_belt()
     now.take_parts(parts(stay('riding')))
     now.take_counts(1.1, {'line': 300.0})

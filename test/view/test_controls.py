@@ -73,14 +73,14 @@ FIELDS = {
 
 
 @pytest.mark.parametrize(('field', 'button', 'command'), [(key, *value) for key, value in FIELDS.items()])
-def test_each_field_is_part_of_what_a_button_asks_for(field, button, command, panel):
+def test_each_field_is_part_of_the_request_of_a_button(field, button, command, panel):
     panel.gui[field[0]].use(field[1])
     panel.gui[button].use('+x' if button == 'one step' else None)
     assert panel.commands == [UiCommand(*command)]
 
 
 @pytest.mark.parametrize('direction', DIRECTIONS)
-def test_a_button_that_is_held_asks_for_its_direction_at_the_speed_of_the_slider(direction, panel):
+def test_held_button_requests_its_direction_at_the_speed_of_the_slider(direction, panel):
     panel.gui['speed mm/s'].value = 80
     (beat,) = panel.gui[f'hold {direction}'].use()
     asyncio.run(beat)
@@ -88,7 +88,7 @@ def test_a_button_that_is_held_asks_for_its_direction_at_the_speed_of_the_slider
 
 
 @pytest.mark.parametrize('kind', [name for name in KINDS if name != 'clear'])
-def test_each_fault_is_injected_with_what_is_filled_in_for_it(kind, panel):
+def test_each_fault_is_injected_with_the_values_of_its_fields(kind, panel):
     gui, about = panel.gui, KINDS[kind]
     gui['fault'].use(kind)
     shown = {name for name in ('at', 'value', 'cycles', 'lasts s') if gui[name].visible}
@@ -141,7 +141,7 @@ def test_each_button_of_an_input_sets_it(word, value, panel):
     assert json.loads(panel.commands[-1].text) == {'name': 'door', 'value': value}
 
 
-def test_the_slider_of_the_override_follows_the_robot_and_asks_for_nothing(panel):
+def test_override_slider_follows_the_robot_without_requests(panel):
     panel.controls.show(Facts(state='idle', override=0.3))
     assert panel.gui['override %'].value == 30
     assert panel.commands == []
@@ -158,7 +158,7 @@ def test_a_file_that_is_too_long_or_no_text_is_not_loaded(content, why, panel):
     assert refused
 
 
-def test_everything_on_the_panel_is_used(panel):
+def test_every_control_of_the_panel_is_used(panel):
     used = {name for name, _ in (*ASKED, *FIELDS)} | {f'hold {way}' for way in DIRECTIONS}
     used |= {'take control over', 'fault', 'at', 'value', 'cycles', 'lasts s', 'Inject the fault'}
     assert set(panel.gui.things) == used
@@ -194,7 +194,7 @@ def recorded(scope):
 
 
 @pytest.mark.parametrize('field', SCOPE, ids=lambda field: field[0])
-def test_each_field_of_the_oscilloscope_is_in_what_it_records_and_changes_no_other(field, scope):
+def test_each_field_of_the_oscilloscope_affects_only_its_own_setting(field, scope):
     before = recorded(scope)
     name, value = field
     assert not scope.gui[name].options or value in scope.gui[name].options
@@ -214,7 +214,7 @@ def test_the_channel_that_is_added_is_that_of_the_drive_and_the_list(scope, robo
     assert len(setting_of(json.dumps(recorded(scope)), robot).channels) == len(before.split(',')) + 1
 
 
-def test_a_recording_is_ended_by_its_button_and_everything_of_the_oscilloscope_is_used(scope):
+def test_button_ends_a_recording_and_every_control_of_the_oscilloscope_is_used(scope):
     scope.gui['End recording'].use()
     assert scope.commands == [UiCommand('end_scope')]
     buttons = {'drive', 'channel', 'Add this channel', 'Record', 'End recording'}
@@ -250,7 +250,7 @@ def pressed(player, name, value):
     ('word', 'time_s', 'playing'),
     [('Pause', 0.020, False), ('+1', 0.022, False), ('-1', 0.018, False), ('Begin', 0.0, False)],
 )
-def test_each_button_of_a_player_goes_to_its_position(word, time_s, playing, player, monkeypatch):
+def test_each_button_of_a_player_selects_its_position(word, time_s, playing, player, monkeypatch):
     monkeypatch.setattr(playback.Clock, 'advance', lambda *_: None)
     clock = pressed(player, 'play', word)
     assert clock.time_s == pytest.approx(time_s, abs=1e-9)
@@ -269,12 +269,12 @@ def test_player_repeats_unless_disabled(player):
     assert not pressed(player, 'repeat', False).again
 
 
-def test_play_begins_and_everything_of_a_player_is_used(player):
+def test_play_starts_and_every_control_of_a_player_is_used(player):
     assert pressed(player, 'play', 'Play').playing
     assert set(player[1].things) == {'time s', 'play', 'speed', 'repeat'}
 
 
-def test_the_slider_of_a_player_goes_to_its_time(player):
+def test_slider_of_a_player_selects_its_time(player):
     clock = pressed(player, 'time s', 0.05)
     assert clock.time_s == pytest.approx(0.05, abs=1e-9)
     assert not clock.playing

@@ -25,7 +25,7 @@ def test_the_last_seconds_are_those_before_the_newest_row():
     assert rows[-1, 1] == 39
 
 
-def test_time_that_goes_back_begins_anew_and_a_row_twice_counts_once():
+def test_decreasing_time_starts_a_new_recording_and_a_repeated_row_counts_once():
     history = filled(40)
     history.add(0.1 * 39, np.array([1.0, 1.0]))
     assert len(history.last()) == 40
@@ -33,7 +33,7 @@ def test_time_that_goes_back_begins_anew_and_a_row_twice_counts_once():
     assert history.last().tolist() == [[0.5, 7.0, 7.0]]
 
 
-def test_nothing_is_left_when_it_is_cleared():
+def test_clearing_removes_all_state():
     history = filled(7)
     history.clear()
     assert history.last().shape == (0, 3)

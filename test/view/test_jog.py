@@ -55,7 +55,7 @@ def test_a_button_is_pressed_once_however_long_it_is_held():
     assert (jog.direction, jog.number) == ('+x', 1)
 
 
-def test_silence_stops_what_was_set_off():
+def test_silence_stops_the_started_motion():
     jog = moving('-z')
     assert jog.update(SILENT_S) is JogAction.NOTHING
     assert jog.update(SILENT_S + 0.01) is JogAction.STOP
@@ -92,7 +92,7 @@ def test_the_first_of_two_buttons_counts_until_it_is_released():
     assert jog.direction == '-y'
 
 
-def test_what_was_rejected_is_not_asked_for_again_before_the_button_was_let_go():
+def test_rejected_jog_is_not_repeated_before_release_of_the_button():
     jog = Jog()
     hold(jog, '+x', 0.0, 0.1)
     jog.refused(jog.number)
@@ -102,7 +102,7 @@ def test_what_was_rejected_is_not_asked_for_again_before_the_button_was_let_go()
     assert hold(jog, '+x', last + 2 * SILENT_S, 0.1)[0][0] is JogAction.START
 
 
-def test_a_press_that_was_let_go_does_not_start_although_the_button_is_held_anew():
+def test_released_press_does_not_start_although_the_button_is_pressed_again():
     jog = Jog()
     hold(jog, '+x', 0.0, 0.1)
     first = jog.number
@@ -122,7 +122,7 @@ def test_heartbeats_with_a_pause_are_two_presses_however_late_they_are_read():
     assert jog.update(2.1) is JogAction.STOP
 
 
-def test_what_is_let_go_while_it_starts_is_stopped_until_the_start_is_answered_and_once_more_after_that():
+def test_release_during_the_start_sends_stop_until_the_reply_and_once_more_afterwards():
     jog = Jog()
     hold(jog, '+x', 0.0, 0.1)
     assert jog.start(jog.number)
@@ -217,7 +217,7 @@ class Robot:
         max_size=40,
     )
 )
-def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps):
+def test_robot_never_continues_without_a_held_button_in_any_failure(steps):
     jog, robot, now, sent, stop_lost = Jog(), Robot(), 0.0, 0, False
 
     def pass_time(seconds, held, start_s, answer_s, stop_s, refuse=False):
@@ -264,12 +264,12 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
 
 
 @pytest.mark.parametrize('text', ['', '+x', '+w 10', '+x ten', '+x nan', '+x inf', '+x -1', '+x 0', '+x 1 2'])
-def test_what_a_page_cannot_mean_is_rejected(text):
+def test_invalid_page_request_is_rejected(text):
     with pytest.raises(ProgramError, match='is not a direction'):
         parse(text, 1)
 
 
-def test_a_page_asks_by_direction_and_numbers():
+def test_page_requests_contain_direction_and_numbers():
     assert parse('-z 10 50', 2) == ('-z', [10.0, 50.0])
 
 

@@ -56,7 +56,7 @@ NODES = {
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_box_hides_what_it_names_and_nothing_else(name, shown):
+def test_checkbox_hides_only_its_own_element(name, shown):
     _, choices, nodes = shown
     before = {node for node, handle in nodes.items() if handle.visible}
     choices[name].value = False
@@ -115,6 +115,6 @@ def test_the_ghost_is_of_the_kind_and_the_magnification_that_are_chosen(kind, ti
     assert show()[1] == (kind, float(times))
 
 
-def test_everything_to_look_at_is_chosen_once(shown):
+def test_every_visible_element_has_one_choice(shown):
     used = {*NODES, 'dark', 'plots, s', 'ghost', 'error x'}
     assert set(shown[1]) == used

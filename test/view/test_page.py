@@ -88,7 +88,7 @@ def mark_in(picture):
     return np.flip(ndimage.center_of_mass(spots == 1 + sizes.argmax())) + 0.5
 
 
-def test_a_picture_is_sent_at_once_and_as_a_whole(page, visit, robot, monkeypatch):
+def test_picture_is_sent_immediately_and_complete(page, visit, robot, monkeypatch):
     order = []
     whole = page.server.atomic
 
@@ -132,7 +132,7 @@ def test_page_loads_from_its_own_server_only(page, visit, robot):
     assert foreign == []
 
 
-def test_what_there_is_to_read_is_on_the_page(page, visit, robot):
+def test_readout_is_on_the_page(page, visit, robot):
     drives = (DriveFacts('ENABLED', 'free'), DriveFacts('FAULT', 'held'), DriveFacts('READY', 'held'))
     sentence = 'axis2: following error over its limit (8111)'
     facts = Facts(state='error', phase='CP4', cycle=4711, override=0.8, fault=sentence, drives=drives)
@@ -152,7 +152,7 @@ def test_a_click_is_a_wish_and_its_answer_is_shown(page, visit):
     visit.page.get_by_text('only what moves can be held').first.wait_for()
 
 
-def test_a_button_that_is_held_beats_until_it_is_let_go(page, visit):
+def test_held_button_sends_beats_until_its_release(page, visit):
     visit.page.get_by_role('tab', name='Jog').click()
     button = visit.page.get_by_role('button', name='hold +x')
     button.scroll_into_view_if_needed()
@@ -179,7 +179,7 @@ def test_points_are_taught_by_name_and_written_as_yaml(page, visit):
 
 
 @pytest.mark.long
-def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
+def test_two_browsers_show_the_same_and_one_may_disconnect(page, visit, browser, robot):
     with Visit(browser, page.url, 390, 844) as other:
         wait_for(lambda: len(page.server.get_clients()) == 2, 'the second browser')
         page.read(Facts(state='moving', phase='CP4', cycle=2222))
@@ -264,7 +264,7 @@ def test_a_page_shows_the_cell_that_its_robot_has(page, visit, robot):
     switch.wait_for(state='detached')
 
 
-def test_inputs_have_a_tab_of_their_own_with_what_sets_them(page, visit, robot):
+def test_inputs_have_a_tab_with_their_sources(page, visit, robot):
     tab = visit.page.get_by_role('tab', name='Inputs')
     page.read(Facts(state='idle', phase='CP4'))
     assert tab.count() == 0

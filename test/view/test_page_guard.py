@@ -178,7 +178,7 @@ def test_a_value_within_the_limits_of_its_control_is_taken(label, value, taken, 
         ('stop', False), ('stop', 1), ('name', 5), ('place', 1.0), ('file', 'x'),
     ],
 )  # fmt: skip
-def test_any_other_value_changes_nothing_and_leaves_the_browser_connected(label, value, browser, site):
+def test_invalid_value_is_ignored_and_the_browser_stays_connected(label, value, browser, site):
     before = {name: handle.value for name, handle in site.controls.items()}
     browser.update(label, value=value)
     browser.settle()
@@ -208,7 +208,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize('name', MALFORMED)
-def test_a_message_of_another_form_closes_its_connection_and_changes_nothing(name, site, caplog):
+def test_malformed_message_closes_its_connection_and_changes_nothing(name, site, caplog):
     with closing(Browser(site)) as attacker:
         fields = MALFORMED[name]
         own = {} if 'type' in fields else {'uuid': attacker.uuids['stop']}
@@ -293,7 +293,7 @@ def test_a_file_beyond_the_limit_is_rejected_before_it_is_sent(site):
 
 
 @pytest.mark.parametrize('label', ['speed', 'stop', 'name'])
-def test_a_control_that_takes_no_file_gets_none(label, site):
+def test_control_without_file_input_receives_no_file(label, site):
     with closing(Browser(site)) as attacker:
         attacker.start(10, 1, f'for {label}', label)
         attacker.settle()
@@ -366,7 +366,7 @@ def test_more_browsers_than_the_page_serves_are_turned_away_until_one_leaves(sit
         stack.enter_context(closing(Browser(site)))
 
 
-def test_connections_that_ask_for_nothing_make_room_for_a_browser(site):
+def test_idle_connections_are_closed_for_a_browser(site):
     with ExitStack() as stack:
         silent = [
             stack.enter_context(socket.create_connection((serving.HOST, site.port)))

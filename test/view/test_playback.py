@@ -86,7 +86,7 @@ def test_the_load_of_a_motor_is_that_of_all_samples_of_its_current(run, robot):
     assert film.at(row).overload.tolist() != of_the_at[row].tolist()
 
 
-def test_what_there_is_to_read_is_that_of_its_time(run):
+def test_readout_is_that_of_its_time(run):
     film = Film(run)
     first = film.facts(0, 'playing', 1.0)
     assert (first.moves, first.fault) == (len(run.moves), '')
@@ -166,12 +166,12 @@ def test_drives_are_shown_by_their_status_words(run):
     assert {state for state, _ in told(run.window.time_s[-1])} <= {'READY', 'FAULT'}
 
 
-def test_unrecorded_drives_report_nothing(run):
+def test_unrecorded_drives_send_no_reports(run):
     film = Film(replace(run, drives=()))
     assert [(drive.state, drive.brake) for drive in film.facts(0, 'paused', 1.0).drives] == [('', '')] * 3
 
 
-def test_the_load_of_a_recording_stays_as_it_was_where_the_current_is_not_known():
+def test_load_of_a_recording_is_constant_where_the_current_is_missing():
     ratio = np.full((300, 3), 2.0)
     ratio[100:150, 1] = np.nan
     found = overload_of(ratio, 1e-3)

@@ -122,7 +122,7 @@ class Labels:
         return SimpleNamespace(on_click=lambda _: None)
 
 
-def test_input_that_goes_on_and_off_is_shown_off():
+def test_input_that_switches_on_and_off_is_shown_off():
     page = Labels()
     rows = InputRows(page, page, lambda _: None)
     for forced in (False, True):

@@ -41,7 +41,7 @@ def record_of(robot, trigger='axis1.current', samples=1600):
     return Record(wanted, 32_000, values, 160 if trigger else None)
 
 
-def test_a_wish_is_what_the_command_would_record(robot):
+def test_request_equals_the_recording_of_the_command(robot):
     names = ['axis1.current', 'axis2.speed']
     assert asked(robot) == setting(robot, names, 16000.0, 0.5)
     assert asked(robot, trigger='program', pre_trigger_s=0.1, rate_hz=4000) == setting(
@@ -75,7 +75,7 @@ def test_a_wish_is_what_the_command_would_record(robot):
         ),
     ],
 )
-def test_what_cannot_be_recorded_or_drawn_is_rejected(command, why, robot):
+def test_settings_that_cannot_be_recorded_or_drawn_are_rejected(command, why, robot):
     with pytest.raises(ParameterError, match=why):
         asked(robot, **command)
 

@@ -68,7 +68,7 @@ def test_a_port_is_held_until_its_page_is_served():
     assert chosen(serving.HOST) == first
 
 
-def test_a_port_that_is_asked_for_is_held_as_well():
+def test_requested_port_is_reserved_as_well():
     with serving.held(serving.HOST, None) as place:
         port = place.port
     with serving.held(serving.HOST, port), pytest.raises(RunError, match='Address already in use'):
@@ -76,7 +76,7 @@ def test_a_port_that_is_asked_for_is_held_as_well():
     assert chosen(serving.HOST, port) == port
 
 
-def test_a_browser_that_comes_before_the_page_waits_for_it(robot):
+def test_browser_that_connects_before_the_page_waits_for_it(robot):
     from websockets.sync.client import connect
 
     with serving.held(serving.HOST, None) as place, ThreadPoolExecutor(2) as other:
@@ -179,7 +179,7 @@ def test_pages_of_other_servers_are_rejected(origin, asked, host, foreign):
     assert serving.is_cross_origin(origin, asked, host, names) is foreign
 
 
-def test_a_machine_goes_by_its_own_names_where_others_can_reach_it():
+def test_reachable_machine_is_addressed_by_its_own_names():
     assert serving.own_names('127.0.0.1') == {'localhost'}
     names = serving.own_names('0.0.0.0')
     assert {'localhost', socket.gethostname().lower()} <= names

@@ -59,7 +59,7 @@ def test_record_starts_anew_after_a_gap(places, robot):
     assert known == [False, False, True, False, False, True, True, False, False, True]
 
 
-def test_out_of_reach_nothing_is_known(robot):
+def test_values_out_of_reach_are_undefined(robot):
     places = np.array([[0.0, 0.0, -0.8], [3.0, 0.0, -0.8], [0.0, 0.0, -0.8]])
     found = joint_motions(places, PERIOD_S, kinematics.geometry(robot))
     assert np.isnan(found['joint_speed']).any()

@@ -67,7 +67,7 @@ def both(robot, end, act=lambda task: None, at=START + 60, **other):
     return rows[0] - rows[1]
 
 
-def test_they_are_added_from_the_first_cycle_of_the_program_to_their_end(model):
+def test_learned_torques_are_added_from_the_first_cycle_of_the_program_to_their_end(model):
     beside = both(model, START + 800)
     cycles = round(planned(model).duration_s * 1e3) + 50
     assert not beside[:START].any()
@@ -75,7 +75,7 @@ def test_they_are_added_from_the_first_cycle_of_the_program_to_their_end(model):
     assert not beside[START + cycles :].any()
 
 
-def test_they_never_ask_for_more_than_a_motor_has(model):
+def test_learned_torques_are_limited_to_the_motor_torque(model):
     small = model.replace(drive__torque_limit_n_m=1.0)
     task = task_with(small, [50.0, -50.0, 0.0])
     torques = torques_of(task, START + 100)[START:]
@@ -92,7 +92,7 @@ def test_another_program_runs_without_them_and_the_reason_is_reported(model):
     assert task_with(model, LEARNED_N_M).learned.reason == ''
 
 
-def test_another_robot_goes_without_them(model):
+def test_another_robot_runs_without_learned_torques(model):
     plan = planned(model)
     other = model.replace(drive__position_gain_rad_s_rad=70.0)
     task = Transformation(other, Learned(np.full((500, 3), 0.1), Origin.of('', plan, model)))
@@ -102,7 +102,7 @@ def test_another_robot_goes_without_them(model):
     assert task.learned.reason.startswith('they belong to other parameters: drive.position_gain_rad_s_rad')
 
 
-def test_another_speed_goes_without_them(model):
+def test_another_speed_runs_without_learned_torques(model):
     assert not both(model, START + 300, override=0.9).any()
     assert 'override' in task_with(model, LEARNED_N_M, override=0.9).learned.reason
 
@@ -116,7 +116,7 @@ def test_another_speed_goes_without_them(model):
     ],
     ids=['hold', 'fault', 'forgotten'],
 )
-def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act, for_good, model):
+def test_learned_torques_fade_when_the_program_is_left_and_a_fault_drops_them(act, for_good, model):
     beside = both(model, START + 300, act)
     sizes = np.abs(beside[START:, 0])
     np.testing.assert_allclose(sizes[:60], 0.3, atol=1e-12)
@@ -135,7 +135,7 @@ def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act,
     assert bool(task.learned.reason) == for_good
 
 
-def test_log_reports_if_learned_torques_are_used_and_none_are_after_a_fault(rig, model):
+def test_log_reports_the_use_of_learned_torques_and_their_loss_after_a_fault(rig, model):
     """A running robot moves as requested; learned torques accompany only their own program."""
     here = type(rig)(model).task.state['tcp'][0]
     plan = program_planner.plan(programs.parse({'moves': MOVES}, model.motion), here, model).plan
@@ -165,7 +165,7 @@ def test_log_reports_if_learned_torques_are_used_and_none_are_after_a_fault(rig,
     assert sentences() == ['learned torques are not followed: a fault has dropped them']
 
 
-def test_a_task_that_commands_no_torques_has_none_of_them(robot):
+def test_task_without_torque_commands_has_no_learned_torques(robot):
     task = task_with(robot, LEARNED_N_M)
     assert not torques_of(task, START + 200).any()
 

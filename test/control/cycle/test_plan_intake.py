@@ -39,7 +39,7 @@ def order(intake: PlanIntake, number: int, rows: list[Any], row: Any = (-1.0, 1.
     return take(intake, number, ORDER, row)
 
 
-def test_an_order_has_the_moves_rate_cycle_and_faults_that_came_before_it(
+def test_order_contains_the_preceding_moves_rate_cycle_and_faults(
     intake: PlanIntake, rows: list[Any]
 ) -> None:
     fault = Fault('drop_mdt', 'axis2', after_s=0.25)
@@ -216,9 +216,7 @@ EXTREME = {
 
 
 @pytest.mark.parametrize('case', EXTREME)
-def test_a_forged_row_spoils_its_order_with_a_sentence_and_nothing_else(
-    case: str, intake: PlanIntake
-) -> None:
+def test_forged_row_invalidates_only_its_own_order_with_a_message(case: str, intake: PlanIntake) -> None:
     row, sentence = EXTREME[case]
     reason = order(intake, 1, [row], [-1.0, 1.0, 0.0])
     assert isinstance(reason, Reason)

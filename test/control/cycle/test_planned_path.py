@@ -127,7 +127,7 @@ def test_an_order_that_is_rejected_is_never_shown(path: PlannedPath, plan: Plan,
     assert comes_near(path, A, B)
 
 
-def test_moves_that_follow_lengthen_the_path_and_what_was_driven_stays(robot: Any, path: PlannedPath) -> None:
+def test_following_moves_extend_the_path_and_keep_the_driven_part(robot: Any, path: PlannedPath) -> None:
     stream = Stream(robot, line(A))
     take(path, stream.rows)
     path.update(status(1))
@@ -179,7 +179,7 @@ def test_of_a_move_that_is_resumed_the_rest_is_shown(robot: Any, path: PlannedPa
     assert not comes_near(path, HOME)
 
 
-def test_a_path_of_arm_angles_is_that_of_the_robot_that_is_known_at_last(robot: Any) -> None:
+def test_path_of_arm_angles_uses_the_latest_known_robot(robot: Any) -> None:
     text = '{joints: {points: [{time_s: 1.2, angles_rad: [0.3, 0.4, 0.2], speeds_rad_s: [0, 0, 0]}]}}'
     document = yaml_file.parse(f'moves: [{text}]', 'a program', ProgramError)
     planned = program_planner.plan(program_file.parse(document, robot.motion), HOME, robot)
@@ -226,7 +226,7 @@ def test_invalid_row_of_a_plan_is_rejected(path: PlannedPath, text: str, row: An
     assert not len(path.points_m)
 
 
-def test_a_move_that_is_longer_than_numbers_go_is_not_shown(path: PlannedPath, plan: Plan) -> None:
+def test_move_beyond_the_range_of_numbers_is_not_shown(path: PlannedPath, plan: Plan) -> None:
     slow = np.array([1e2, 5e306, 5e304, 5e302, 5e300])  # so that no jerk is infinite
     row = replace(plan.moves[0], master=slow * plan.moves[0].master).to_array(0, 1)
     take(path, [(label('LINE', 1), row), (label(ORDER, 1), np.array([-1.0, 1.0, 0.0]))])

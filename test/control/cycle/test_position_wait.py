@@ -66,9 +66,7 @@ def stands_at_the_stop(rig: Any) -> bool:
 
 
 @pytest.mark.parametrize('percent', [100, 50])
-def test_a_robot_that_is_there_at_once_waits_as_long_as_planned(
-    percent: int, rig: Any, robot: Parameters
-) -> None:
+def test_early_robot_waits_for_its_planned_time(percent: int, rig: Any, robot: Parameters) -> None:
     assert rig.ask('override', str(percent))[0]
     drive(rig)
     waited = until(rig, lambda: not stands_at_the_stop(rig))
@@ -78,7 +76,7 @@ def test_a_robot_that_is_there_at_once_waits_as_long_as_planned(
     assert rig.state.finished
 
 
-def test_without_being_asked_nothing_waits_at_a_stop(rig: Any) -> None:
+def test_output_at_a_stop_does_not_wait_by_default(rig: Any) -> None:
     rig.off_rad = 2.0 * WINDOW_RAD
     drive(rig, waits=False)
     assert until(rig, lambda: not stands_at_the_stop(rig)) <= 2
@@ -110,7 +108,7 @@ def test_passing_through_the_windows_does_not_count_as_in_position(rig: Any) -> 
     assert stands_at_the_stop(rig)
 
 
-def test_what_switches_at_the_stop_switches_when_the_robot_is_there(rig: Any) -> None:
+def test_output_at_a_stop_switches_when_the_robot_is_in_position(rig: Any) -> None:
     drive(rig)
     rig.off_rad = 2.0 * WINDOW_RAD
     rig.run(100)
@@ -136,7 +134,7 @@ def test_robot_that_does_not_stop_in_time_is_stopped_with_a_message(rig: Any) ->
     assert rig.state.without_torque
 
 
-def test_a_program_whose_robot_is_not_there_ends_later_or_not_at_all(rig: Any) -> None:
+def test_program_without_a_present_robot_ends_later_or_never(rig: Any) -> None:
     drive(rig, waits=False)
     rig.off_rad = 2.0 * WINDOW_RAD
     until(rig, lambda: rig.next_cycle > rig.task.end_cycle + SETTLE_CYCLES + 50)

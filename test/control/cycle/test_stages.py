@@ -24,7 +24,7 @@ def test_events_of_a_cycle_are_handled_once_in_the_order_of_their_kinds() -> Non
     assert (schedule.next_cycle, schedule.contents) == (NEVER, [None] * len(Event))
 
 
-def test_an_event_that_a_handler_schedules_for_the_same_cycle_is_handled_if_its_kind_comes_later() -> None:
+def test_event_scheduled_by_a_handler_for_the_same_cycle_is_handled_if_its_kind_is_later() -> None:
     handled = []
     schedule: Schedule
     handlers = {event: lambda cycle, _, event=event: handled.append(event) for event in Event}

@@ -256,7 +256,7 @@ def test_ats_delayed_by_cycles_give_the_same_bits(lag, robot):
     assert task.figures() == task_later.figures()
 
 
-def test_figures_count_the_program_and_its_settling_and_nothing_else(robot):
+def test_figures_cover_only_the_program_and_its_settling(robot):
     task, _, _ = ready_task(robot)
     end = task.start(100)
     for k in range(end + 300):

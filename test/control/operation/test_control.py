@@ -36,7 +36,7 @@ def test_only_the_controlling_client_may_move_the_robot(control: Control) -> Non
         assert (reason.code, 'Anna has control' in reason.sentence) == (Code.CONTROL, True)
 
 
-def test_control_is_rejected_to_a_second_operator_unless_he_takes_it_over(control: Control) -> None:
+def test_second_operator_is_rejected_unless_it_takes_control(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     reason = control.take(BERT, False, 0.0)
     assert reason is not None
@@ -105,7 +105,7 @@ def test_heartbeat_of_another_operator_keeps_no_client_in_control(control: Contr
 @pytest.mark.parametrize(
     'operator', [Operator('', 'x'), Operator('a', ''), Operator('a', 'x' * 101), Operator('a', 'x\ny')]
 )
-def test_an_operator_without_a_fit_name_gets_no_control(operator: Operator, control: Control) -> None:
+def test_operator_with_an_invalid_name_receives_no_control(operator: Operator, control: Control) -> None:
     reason = control.take(operator, True, 0.0)
     assert reason is not None
     assert reason.code == Code.CONTENT

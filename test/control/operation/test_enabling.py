@@ -25,7 +25,7 @@ def test_disabled_drives_are_reported_immediately_with_the_remedy(rig: Any) -> N
     assert rig.task.state['tcp'][0] == pytest.approx([0.05, 0.0, -0.75], abs=1e-9)
 
 
-def test_an_emergency_stop_a_reset_and_a_start_without_enabling_lose_nothing(rig: Any) -> None:
+def test_emergency_stop_reset_and_start_without_enabling_keep_the_program(rig: Any) -> None:
     rig.enable()
     assert rig.ask('program', LINE)[0]
     assert rig.do('emergency_stop')[0]
@@ -155,7 +155,7 @@ def test_a_reset_is_answered_when_the_bus_falls_meanwhile(rig: Any) -> None:
     assert [reason.code for reason, _ in answers] == [Code.BUS]
 
 
-def test_nothing_is_enabled_after_a_fault_nor_outside_cyclic_operation(rig: Any) -> None:
+def test_drives_are_not_enabled_after_a_fault_nor_outside_cyclic_operation(rig: Any) -> None:
     rig.in_cyclic_operation = False
     assert rig.enabling.enable(None) == Reason(Code.BUS, 'the drives cannot be enabled, the bus is in CP0')
     rig.in_cyclic_operation = True

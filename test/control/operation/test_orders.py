@@ -95,9 +95,7 @@ def test_heartbeat_of_another_session_makes_no_client_trusted(rig: Any, robot: A
     assert rig.watch.planner == ''
 
 
-def test_rows_of_a_script_that_is_gone_before_they_are_checked_do_not_start_the_robot(
-    rig: Any, rows: list[Any]
-) -> None:
+def test_unchecked_rows_of_a_lost_script_do_not_start_the_robot(rig: Any, rows: list[Any]) -> None:
     rig.orders.script = 'c0ffee00'
     send(rig, 100, rows, planner='c0ffee00')
     rig.orders.script = ''
@@ -163,7 +161,7 @@ def test_repeated_change_counts_once(rig: Any, rows: list[Any]) -> None:
         rig.orders.take_profile(label, profile.to_array())
 
 
-def test_a_new_session_forgets_what_waits(rig: Any, rows: list[Any]) -> None:
+def test_new_session_discards_waiting_entries(rig: Any, rows: list[Any]) -> None:
     send(rig, 100, rows)
     rig.orders.begin_session('beef')
     assert not rig.orders.waiting

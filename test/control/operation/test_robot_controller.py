@@ -203,7 +203,7 @@ def test_one_lost_at_is_counted_and_two_in_a_row_stop_the_robot(cell: Cell) -> N
     assert cell.robot.bus.cyclic  # the drives stop in cyclic operation
 
 
-def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_robot(cell: Cell) -> None:
+def test_repeated_at_is_counted_without_effect_and_two_different_ones_stop_the_robot(cell: Cell) -> None:
     cell.answer(0)
     content = ((float(cell.sent[0].motors[0]), 0.0, 0.0), READY, 0)
     cell.robot.cycles.take(0, 0, content, 0)
@@ -239,7 +239,7 @@ def test_others_continue_to_their_stop_without_a_drive_before_the_phase_drops(ce
     assert cell.robot.bus.phase == Phase.CP0
 
 
-def test_nothing_is_reported_silent_before_it_is_expected() -> None:
+def test_no_participant_is_reported_silent_before_it_is_expected() -> None:
     cell = Cell()
     cell.wait(2 * BUS_SILENT_S)
     assert cell.fault == ''
@@ -256,7 +256,7 @@ def test_joining_or_leaving_drive_stops_the_robot_and_the_plant_ends_the_bus(
     assert cell.robot.bus.phase == phase
 
 
-def test_bus_time_continues_after_a_phase_drop_and_nothing_is_enabled(cell: Cell) -> None:
+def test_bus_time_continues_after_a_phase_drop_and_drives_stay_disabled(cell: Cell) -> None:
     cell.robot.enabling.enable(None)
     cell.run(100)
     assert cell.robot.state.in_torque
@@ -338,7 +338,7 @@ def handle(cell: Cell, event: tuple[str, Any]) -> None:
 
 @settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=40))
-def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: list[tuple[str, Any]]) -> None:
+def test_bus_time_never_decreases_and_a_fault_stays_under_any_events(events: list[tuple[str, Any]]) -> None:
     cell = Cell().come_up()
     fault, cycle = '', 0
     for event in events:

@@ -58,7 +58,7 @@ REQUESTS = {Event.START, Event.CHANGE, Event.HOLD, Event.ABORT, Event.RESET}
     ('state', 'event'),
     [(s, e) for s in MotionState for e in sorted(REQUESTS) if (s, e) not in TRANSITIONS],
 )
-def test_what_is_not_in_the_table_is_rejected_and_changes_nothing(
+def test_event_outside_the_table_is_rejected_without_effect(
     state: MotionState, event: Event, rig: Any
 ) -> None:
     rig.lead_to(state)
@@ -111,7 +111,7 @@ def test_aborted_program_does_not_continue_in_the_same_cycle(rig: Any) -> None:
     assert outcome == Reason(Code.STATE, 'the program is being aborted')
 
 
-def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig: Any) -> None:
+def test_currents_of_a_program_are_requested_from_the_drives_after_its_end(rig: Any) -> None:
     rig.lead_to(MotionState.MOVING)
     rig.said.clear()
     rig.run(1000)

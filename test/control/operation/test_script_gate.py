@@ -29,7 +29,7 @@ def brought_to(gate, state):
 
 @pytest.mark.parametrize('state', GateState)
 @pytest.mark.parametrize('event', GateEvent)
-def test_each_row_of_the_table_and_nothing_else_happens(gate, state, event):
+def test_each_row_of_the_table_is_executed_without_side_effects(gate, state, event):
     step = TRANSITIONS.get((state, event))
     held = brought_to(gate, state).handle(event)
     assert gate.state is (state if step is None else step.state)
@@ -70,7 +70,7 @@ def test_expired_wait_reports_that_its_condition_was_not_met(gate):
     assert (gate.state, gate.cycle, gate.met) == (GateState.WAITING, 12, False)
 
 
-def test_what_is_there_already_is_not_waited_for(gate):
+def test_condition_already_met_ends_the_wait_immediately(gate):
     gate.attach(10)
     gate.wait(WaitCondition(0, NEVER, inputs_on=1), inputs=1)
     assert (gate.state, gate.cycle, gate.met) == (GateState.WAITING, 9, True)

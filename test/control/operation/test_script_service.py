@@ -71,7 +71,7 @@ def test_script_with_queries_has_the_bits_of_the_simulation(robot, node, called)
     assert (called.late, called.late_cycles) == (0, 0)
 
 
-def test_script_without_control_decides_nothing(node):
+def test_script_without_control_makes_no_decisions(node):
     reason, _ = node.ask(ATTACH, operator='0011223344556677')
     assert (reason.code, node.controller.scripts.operator) == (Code.CONTROL, '')
     node.controller.control.release(node.identity)
@@ -151,7 +151,7 @@ def test_a_hold_from_outside_ends_the_wait_and_the_script_may_resume(node, calle
     assert len(held_at) > 0
 
 
-def test_a_hold_from_outside_while_the_script_decides_ends_its_next_wait_at_once(node, called):
+def test_external_hold_during_a_decision_ends_the_next_wait_immediately(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     assert isinstance(node.controller.scripts.hold(), str)
@@ -189,7 +189,7 @@ def test_an_abort_from_outside_ends_the_script(node, called):
     assert refused.value.code is Code.STATE
 
 
-def test_an_abort_that_is_rejected_because_nothing_is_driven_leaves_the_script_waiting(node, called):
+def test_abort_rejected_at_rest_leaves_the_script_waiting(node, called):
     called.wait_time(0.1)
     node.post(WAIT, WaitCondition(10**6, 10**6).to_json())
     assert node.controller.scripts.abort().code is Code.STATE
@@ -208,7 +208,7 @@ def test_a_fault_ends_a_wait_with_its_sentence(node, called):
     assert refused.value.code is Code.FAULT
 
 
-def test_a_script_that_asks_again_waits_for_the_newest_alone(node, called):
+def test_script_that_repeats_a_request_waits_for_the_newest_only(node, called):
     moving(node, called)
     cycle = node.bus.controller.gate.cycle
     reason, _ = node.ask(WAIT, WaitCondition(0, cycle + 200).to_json())

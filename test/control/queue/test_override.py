@@ -127,7 +127,7 @@ def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client
     assert client.planner.override == 0.5
 
 
-def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
+def test_stop_before_a_change_takes_effect_leaves_a_resumable_program(
     client: Client,
 ) -> None:
     timeline = client.run()

@@ -102,19 +102,19 @@ def test_another_master_is_accepted_when_the_present_one_is_silent(client: Clien
     assert client.planner.motion == 'error'
 
 
-def test_the_next_session_of_the_same_master_is_believed_at_once(client: Client) -> None:
+def test_next_session_of_the_same_master_is_trusted_immediately(client: Client) -> None:
     assert client.say(session='beef', previous='5e55', state='error')
     assert client.planner.motion == 'error'
 
 
-def test_a_bus_that_was_phased_up_anew_ends_what_waits_for_a_verdict(client: Client) -> None:
+def test_new_phase_up_ends_orders_that_wait_for_a_check(client: Client) -> None:
     client.order()
     client.say(session='beef', previous='5e55', located=0)
     assert client.answer()[0].code == Code.BUS
     assert client.planner.queue[0] == 1
 
 
-def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(client: Client) -> None:
+def test_program_of_a_lost_bus_can_be_started_again(client: Client) -> None:
     client.run()
     client.now_s += 2.0 * MASTER_SILENT_S
     client.say(session='beef', previous='', state='idle', located=1, order=0)
@@ -135,7 +135,9 @@ def test_the_state_is_mirrored_once_for_each_change(client: Client) -> None:
     assert client.do(Entered).state == 'moving'
 
 
-def test_client_ahead_of_the_planner_is_served_when_control_is_known(client: Client) -> None:
+def test_client_started_before_the_planner_is_served_after_the_first_report_of_control(
+    client: Client,
+) -> None:
     client.ask('clear', control=1)
     assert client.none(Replied)
     client.say(control=1, operator='op', operator_name='Anna')
@@ -177,7 +179,7 @@ def test_a_lost_control_empties_the_queue_and_a_released_one_does_not(client: Cl
     assert client.planner.queue[0] == 0
 
 
-def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothing(client: Client) -> None:
+def test_withdrawn_planning_is_cancelled_and_its_result_discarded(client: Client) -> None:
     request = client.ask('program', LINE)
     job = client.do(Job)
     client.ask('withdraw', str(request.number))
@@ -227,7 +229,7 @@ def test_used_number_is_skipped(client: Client) -> None:
     assert client.answer()[0] is None
 
 
-def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> None:
+def test_caps_apply_to_every_move_of_a_program_except_cubics(robot) -> None:
     job = Job(1, None, LINE.replace('0.2}', '1.0}'), Adaptation((0.1, 2.0, 0.0)), HOME)
     capped = run_job(job, robot, lambda *_: None)
     assert capped.planned is not None

@@ -26,7 +26,7 @@ def planned(robot: Parameters) -> tuple[Program, Planned]:
     return program, program_planner.plan(program, robot.motion.home_m, robot)
 
 
-def test_an_empty_queue_has_no_moves_and_takes_no_time() -> None:
+def test_empty_queue_has_no_moves_and_zero_duration() -> None:
     assert ProgramQueue(None).size == (0, 0.0)
 
 
@@ -35,7 +35,7 @@ def test_moves_that_are_not_planned_count_as_often_as_they_are_repeated(robot: P
     assert ProgramQueue(read(robot, repeat=3)).size == (6, 0.0)
 
 
-def test_a_planned_queue_knows_how_long_it_takes(planned: tuple[Program, Planned]) -> None:
+def test_planned_queue_has_a_known_duration(planned: tuple[Program, Planned]) -> None:
     queue = ProgramQueue(None)
     queue.put(*planned)
     moves, duration_s = queue.size

@@ -77,7 +77,7 @@ def test_every_state_is_reached_and_left_and_every_event_happens() -> None:
 
 
 @given(events=st.lists(st.sampled_from([event for event in RunEvent if event is not E.ORDER]), max_size=12))
-def test_what_is_not_in_the_table_changes_nothing(events: list[RunEvent]) -> None:
+def test_event_outside_the_table_has_no_effect(events: list[RunEvent]) -> None:
     run = ProgramRun(1e-3)
     for event in events:
         assert run.handle(event) == []
@@ -85,7 +85,7 @@ def test_what_is_not_in_the_table_changes_nothing(events: list[RunEvent]) -> Non
 
 
 @given(events=st.lists(st.sampled_from(RunEvent), max_size=40))
-def test_after_any_events_state_timeline_and_what_is_left_agree(order: Order, events: list[RunEvent]) -> None:
+def test_after_any_events_state_timeline_and_remainder_agree(order: Order, events: list[RunEvent]) -> None:
     run = ProgramRun(1e-3)
     numbers, revoked = [0], []
     for event in events:
@@ -104,7 +104,7 @@ def test_after_any_events_state_timeline_and_what_is_left_agree(order: Order, ev
     assert set(revoked) <= set(numbers)
 
 
-def test_a_rejected_order_leaves_what_was_left_before(order: Order, run: ProgramRun) -> None:
+def test_rejected_order_keeps_the_previous_remainder(order: Order, run: ProgramRun) -> None:
     lead(run, order, E.ORDER, E.ACCEPT, E.FAIL, E.LOCATE)
     cut_off = run.cut_off
     assert cut_off is not None

@@ -47,7 +47,7 @@ def answered(timeline, cycle, *off):
     return samples[0] - DELAY * CYCLE_S * samples[1] + np.array(off)
 
 
-def test_arms_that_follow_as_drives_do_violate_nothing(robot, timeline):
+def test_arms_with_the_following_error_of_drives_violate_no_invariant(robot, timeline):
     watch = ToleranceWatch(Tolerances(path_rad=(1e-9, 1e-9, 1e-9)), robot)
     for cycle in range(START, timeline.end_cycle, 10):
         assert watch.follow(1, timeline, cycle, answered(timeline, cycle, 0.0)) is None
@@ -65,7 +65,7 @@ def test_arm_off_its_path_is_reported_once(robot, timeline):
     assert watch.follow(2, timeline, 510, answered(timeline, 510, 0.0, -0.0125, 0.0)) is not None
 
 
-def test_before_its_start_and_on_other_moves_nothing_is_watched(robot, timeline):
+def test_tolerances_are_monitored_only_during_their_trajectory(robot, timeline):
     watch = ToleranceWatch(TIGHT, robot)
     assert watch.follow(1, timeline, START - 1, np.full(3, 9.0)) is None
     line = Program('line', (MoveL(Target((0.0, 0.0, -0.8)), limits=Limits(1.0, 10.0, 500.0)),))
@@ -120,7 +120,7 @@ def test_a_trajectory_that_is_held_has_no_goal(robot, timeline):
     assert watch.settle(held.end_cycle + 10_000, np.zeros(3), np.ones(3)) is None
 
 
-def test_without_a_goal_time_nothing_is_watched_for_ever(robot, timeline):
+def test_goal_is_not_monitored_without_a_goal_time(robot, timeline):
     tolerances = Tolerances(goal_rad=(0.001, 0.001, 0.001))
     assert not tolerances.any
     watch, goal = at_the_end(robot, timeline, tolerances)

@@ -132,7 +132,7 @@ def test_a_trajectory_that_reaches_the_task_too_late_for_its_cycle_is_rejected(c
     assert reason.code == Code.LATE
 
 
-def test_a_trajectory_whose_cycle_is_over_when_it_is_planned_is_rejected(client, robot):
+def test_trajectory_planned_after_its_start_cycle_is_rejected(client, robot):
     client.ask('trajectory', trajectory(robot, stamp_s=10.0))
     client.cycle = 10_000
     client.plan()
@@ -163,7 +163,7 @@ def test_a_trajectory_needs_an_empty_queue(client, robot):
     assert client.planner.queue[0] == 1
 
 
-def test_a_robot_that_moves_takes_no_other_trajectory(client, robot):
+def test_moving_robot_accepts_no_other_trajectory(client, robot):
     client.run()
     client.ask('trajectory', trajectory(robot))
     client.say(state='moving')
@@ -172,7 +172,7 @@ def test_a_robot_that_moves_takes_no_other_trajectory(client, robot):
     assert client.none(Job)
 
 
-def test_an_empty_trajectory_takes_the_order_back_that_is_driven(client):
+def test_empty_trajectory_cancels_the_active_order(client):
     client.run()
     number = client.told.order
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
@@ -201,7 +201,7 @@ ENDS_OF_A_STOP = {
 
 
 @pytest.mark.parametrize('case', ENDS_OF_A_STOP)
-def test_a_stop_is_answered_when_it_is_certain_and_with_what_has_happened(case, client):
+def test_stop_is_answered_after_its_confirmation_with_its_result(case, client):
     states, end, sentence = ENDS_OF_A_STOP[case]
     timeline = client.run()
     client.say(state=states[0])
@@ -234,7 +234,7 @@ def test_unanswered_stop_is_reported_later_and_the_next_request_is_served(client
     assert client.answer()[0] is None
 
 
-def test_an_empty_trajectory_stops_nothing_where_nothing_runs(client):
+def test_empty_trajectory_has_no_effect_at_rest(client):
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     assert client.answer() == (None, 'nothing runs that could be stopped')
     assert client.none(Revoked)

@@ -182,7 +182,7 @@ def test_the_code_names_the_first_bound_that_is_broken(robot):
         assert names[code - 2] == name
 
 
-def test_shapes_follow_those_of_the_positions_and_what_is_out_of_reach_is_nan(points, found, robot):
+def test_shapes_follow_those_of_the_positions_and_unreachable_ones_are_nan(points, found, robot):
     grid = capability(points.reshape(3, 4, 5, 3), robot)
     assert grid.arm_angle_rad.shape == (3, 4, 5, 3)
     np.testing.assert_array_equal(grid.speed_m_s.ravel(), found.speed_m_s)

@@ -28,7 +28,7 @@ def test_the_nominal_current_makes_68_w_in_a_motor(robot):
     assert found.returned_j == 0.0
 
 
-def test_a_motor_that_brakes_gives_back_what_it_does_not_lose(robot):
+def test_braking_motor_returns_its_energy_less_the_losses(robot):
     found = energy(spinning(100.0, -2.0, 1.0), robot)
     braking = 2.0 * robot.motor.torque_constant_n_m_a * 100.0
     assert found.returned_j == pytest.approx(braking - found.copper_j)
@@ -37,7 +37,7 @@ def test_a_motor_that_brakes_gives_back_what_it_does_not_lose(robot):
     assert found.friction_j == pytest.approx(100.0 * friction, rel=1e-6)
 
 
-def test_what_is_drawn_and_not_returned_is_lost_in_a_closed_cycle(robot):
+def test_drawn_less_returned_energy_is_lost_in_a_closed_cycle(robot):
     moves = [to(*PLACE, speed_m_s=2.0, acceleration_m_s2=30.0), dwell(0.05), to(*PICK, speed_m_s=2.0)]
     program = parse(robot, moves, start_m=list(PICK), repeat=3)
     round_ = evaluation.of_program(program, robot).energy
@@ -46,7 +46,7 @@ def test_what_is_drawn_and_not_returned_is_lost_in_a_closed_cycle(robot):
     assert min(round_.copper_j, round_.friction_j) > 0.0
 
 
-def test_a_part_that_is_lifted_takes_its_weight_with_it(robot):
+def test_lifted_part_adds_its_weight_to_the_robot(robot):
     up, down = (-0.15, 0.0, -0.75), (-0.15, 0.0, -0.85)
     moves = [to(*up), output(payload_kg=0.0), to(*down), output(payload_kg=5.0)]
     program = parse(robot, moves, start_m=list(down), repeat=4, payload_kg=5.0)

@@ -103,7 +103,7 @@ ASKED_OF_BENDS = [
 
 @pytest.mark.parametrize('radius', [0.03, 0.05, 0.1, 0.15])
 @pytest.mark.parametrize('asked', ASKED_OF_BENDS)
-def test_on_a_circle_a_limit_of_the_tcp_is_used_up_and_none_exceeded(radius, asked, robot):
+def test_on_a_circle_one_limit_of_the_tcp_is_reached_and_none_exceeded(radius, asked, robot):
     used = tcp(path(first(plan(robot, [circle(radius, **limits(*asked)), REST])))) / asked
     assert (used <= TCP).all()
     assert used.max() > USED
@@ -119,7 +119,7 @@ BENDS = {
 
 @pytest.mark.parametrize('kind', BENDS)
 @pytest.mark.parametrize('asked', ASKED_OF_BENDS)
-def test_where_bends_change_a_limit_of_the_tcp_is_used_up_and_none_exceeded(kind, asked, robot):
+def test_where_curvature_changes_one_limit_of_the_tcp_is_reached_and_none_exceeded(kind, asked, robot):
     used = tcp(path(first(plan(robot, [*BENDS[kind](limits(*asked)), REST])))) / asked
     assert (used <= TCP).all()
     assert used.max() > 0.9  # bends of all sizes in one move: its jerk is one number for all of them
@@ -197,7 +197,7 @@ BINDING = {
 
 
 @pytest.mark.parametrize('what', BINDING)
-def test_a_limit_of_the_motors_is_used_up_and_none_exceeded(what, robot):
+def test_one_motor_limit_is_reached_and_none_exceeded(what, robot):
     quantity, changes, asked = BINDING[what]
     built = robot.replace(**changes)
     planned = plan(built, press(*asked))
@@ -260,7 +260,7 @@ def used_by(robot, planned, rate):
 
 
 @pytest.mark.parametrize('what', ['speed', 'current', 'voltage', 'rms'])
-def test_the_largest_override_uses_a_limit_up_and_exceeds_none(what, robot):
+def test_largest_override_reaches_one_limit_and_exceeds_none(what, robot):
     asked = [to(0.0, 0.4, -0.85, **limits(3.0, 60.0, 6e3)), to(*HOME, **limits(3.0, 60.0, 6e3))]
     moves = asked if what == 'rms' else [*asked, {'dwell': {'time_s': 20.0}}]
     free = used_by(robot, plan(robot, moves), 1.0)
@@ -340,7 +340,7 @@ def running(robot, rate):
 
 
 @pytest.mark.parametrize('rate', [0.3, 1.0, 1.2, 1.5])
-def test_a_stop_takes_the_acceleration_and_the_jerk_that_its_override_has_and_no_more(rate, robot):
+def test_stop_uses_at_most_the_acceleration_and_jerk_of_its_override(rate, robot):
     timeline, cycle = running(robot, rate)
     table = timeline.stop(cycle).table
     room = max(1.0, rate)

@@ -127,7 +127,7 @@ def test_a_part_of_a_curve_is_that_stretch_of_it(a, c, b, one, other):
     assert part.segments[-1, 0] < part.length_m
 
 
-def test_the_whole_of_a_curve_is_itself():
+def test_section_over_the_whole_curve_equals_the_curve():
     curve = curves.arc((0, 0, 0), (0.1, 0.1, 0), (0.2, 0, 0))
     assert curve.part(0.0, curve.length_m) is curve
 
@@ -206,7 +206,7 @@ def test_an_arc_lies_on_the_circle_through_its_three_points(a, c, b):
 
 @settings(max_examples=examples(200))
 @given(points, points, points)
-def test_an_arc_goes_from_its_start_through_the_circle_point_to_its_end_once(a, c, b):
+def test_arc_passes_start_circle_point_and_end_once(a, c, b):
     curve = any_arc(a, c, b)
     assert np.abs(curve.at(0.0)[0] - a).max() < THROUGH_M
     assert np.abs(curve.at(curve.length_m)[0] - b).max() < THROUGH_M
@@ -309,7 +309,7 @@ def spline_or_refusal(p):
 
 @settings(max_examples=examples(150))
 @given(corner_points(turn_max=3.0))
-def test_a_spline_goes_through_all_its_points_in_their_order(p):
+def test_spline_passes_all_points_in_their_order(p):
     curve = spline_or_refusal(p)
     assert np.abs(curve.at(0.0)[0] - p[0]).max() < THROUGH_M
     assert np.abs(curve.at(curve.length_m)[0] - p[-1]).max() < THROUGH_M
@@ -365,7 +365,7 @@ def test_a_spline_through_one_point_is_a_line():
     assert np.array_equal(curve.segments, line.segments)
 
 
-def test_a_spline_goes_through_100_points_and_not_through_101():
+def test_spline_accepts_100_points_and_rejects_101():
     turns = np.linspace(0.0, 6.0 * np.pi, SPLINE_POINTS_MAX + 2)
     p = np.stack([0.2 * np.cos(turns), 0.2 * np.sin(turns), -0.9 + 0.01 * turns], axis=1)
     curve = curves.spline(p[:101])

@@ -139,7 +139,7 @@ def test_a_length_from_rest_to_rest_at_any_threshold_is_driven_in_the_shortest_t
     ).all()
 
 
-def test_motion_goes_over_to_any_other_motion_at_any_threshold_in_the_shortest_time():
+def test_transition_between_any_motions_at_any_threshold_takes_the_shortest_time():
     draw = Draw(FROM_MOTION, 2)
     speed, acceleration, jerk = limits = draw.limits()
     shares = np.array([0.0, 0.1, 0.2, 0.25, 0.5, 2.0 / 3.0, 1.0])
@@ -182,7 +182,7 @@ def in_ruckig(start, end, limits):
     return trajectory
 
 
-def test_away_from_thresholds_ruckig_takes_as_long():
+def test_duration_equals_that_of_ruckig_away_from_thresholds():
     """Any accelerations at both ends, of numbers that meet no threshold."""
     random, found = np.random.default_rng(3), 0
     while found < 2000:
@@ -225,7 +225,7 @@ def test_an_acceleration_that_leads_beyond_the_speed_is_rejected():
         profiles.between((0.0, 0.0, 0.0), (1.0, 0.99, -10.0), (1.0, 10.0, 500.0))
 
 
-def test_a_robot_gets_on_a_belt_and_off_it_at_any_threshold():
+def test_robot_synchronizes_with_a_belt_and_leaves_it_at_any_threshold():
     draw = Draw(2000, 4)
     _, acceleration, jerk = draw.limits()
     speed, belt = (

@@ -44,7 +44,7 @@ def test_chain_of_frames_transforms_like_single_frames_in_order(one, other, poin
 
 
 @given(POSES, POSES, POINTS)
-def test_the_inverse_of_a_chain_takes_its_points_back(one, other, point):
+def test_inverse_of_a_chain_restores_its_points(one, other, point):
     chain = framed(other, framed(one))
     there = chain.to_base(point)
     np.testing.assert_allclose(chain.from_base(there), point, rtol=0, atol=ROUNDING_M)

@@ -362,7 +362,7 @@ def test_file_without_a_program_is_rejected_in_one_sentence(text, reason, robot,
     assert reason in refusal(programs.load, written(tmp_path, text), robot.motion)
 
 
-def test_a_file_that_cannot_be_read_is_named(robot, tmp_path):
+def test_unreadable_file_is_named(robot, tmp_path):
     assert 'cannot read program file nowhere: ' in refusal(programs.load, 'nowhere', robot.motion)
     assert 'cannot read program file ' in refusal(programs.load, tmp_path, robot.motion)
     (tmp_path / 'x.yaml').write_bytes(b'name: \xff\xfe')
@@ -434,7 +434,7 @@ def test_a_small_number_in_json_is_a_number(robot):
     assert move.to.point_m == (1e-5, 0.0, -0.8)
 
 
-def test_what_was_read_can_be_written(tmp_path):
+def test_read_document_can_be_written(tmp_path):
     document = yaml_file.parse(BAD, 'it', ProgramError)
     path = tmp_path / 'again.yaml'
     yaml_file.write(path, document)

@@ -17,13 +17,13 @@ def outputs_of(text, robot):
     return [one for one in program.statements if hasattr(one, 'before_s')]
 
 
-def test_a_name_of_the_cell_means_its_output_of_the_robot(robot):
+def test_cell_name_is_mapped_to_its_robot_output(robot):
     (output,) = outputs_of('moves: [output: {name: clamp, value: true}]', robot)
     assert (output.name, output.value, output.before_s) == ('output2', 1.0, 0.0)
 
 
 @pytest.mark.parametrize(('value', 'early_s'), [('true', 0.04), ('false', 0.03)])
-def test_in_time_means_earlier_by_the_delay_of_this_change(robot, value, early_s):
+def test_change_is_in_time_if_it_is_earlier_by_its_delay(robot, value, early_s):
     (output,) = outputs_of(f'moves: [output: {{name: clamp, value: {value}, in_time: true}}]', robot)
     assert output.before_s == early_s
 

@@ -13,7 +13,7 @@ PITCH = (0.04, 0.05)
 BOX = Frame.turned((0.1, -0.1, -0.85), yaw_rad=math.pi / 6)
 
 
-def test_the_places_of_a_row_go_along_x_and_the_rows_along_y():
+def test_places_of_a_row_run_along_x_and_rows_along_y():
     grid = Grid(2, 3, PITCH)
     expected = [[0, 0, 0], [0.04, 0, 0], [0.08, 0, 0], [0, 0.05, 0], [0.04, 0.05, 0], [0.08, 0.05, 0]]
     np.testing.assert_array_equal(grid.places_m(), expected)
@@ -63,7 +63,7 @@ def test_the_frame_at_a_place_begins_there_with_the_axes_of_the_pattern():
     np.testing.assert_allclose(place.in_base.axes, BOX.axes, rtol=0, atol=1e-15)
 
 
-def test_a_pitch_may_go_backwards():
+def test_pitch_may_be_negative():
     assert Grid(1, 2, (-0.04, 0.0))[1] == (-0.04, 0.0, 0.0)
 
 

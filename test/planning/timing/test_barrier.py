@@ -83,7 +83,7 @@ def test_its_gradient_is_the_slope_of_its_value(count):
 
 
 @pytest.mark.parametrize('count', COUNTS)
-def test_its_hessian_is_the_slope_of_its_gradient_where_nothing_is_concave(count):
+def test_hessian_is_the_derivative_of_the_gradient_without_concave_terms(count):
     c, parts = spline_of(count), parts_of(count, ('bounded', 'accelerated'), with_roots=False)
     slopes = np.empty((len(c), len(c)))
     for n, step in enumerate(STEP * np.eye(len(c))):

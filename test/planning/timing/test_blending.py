@@ -98,7 +98,7 @@ def test_a_blend_may_use_up_the_whole_of_two_moves(robot):
         ),
     ],
 )
-def test_a_blend_that_cannot_be_is_rejected(moves, reason, robot):
+def test_impossible_blend_is_rejected(moves, reason, robot):
     assert refusal(plan, robot, moves).endswith(
         reason.removeprefix('moves[1].dwell: ').removeprefix('moves[1].cubic: ')
     )
@@ -138,7 +138,7 @@ def test_a_move_of_one_micrometre_is_driven_or_rejected_on_either_side_of_the_th
 
 
 @pytest.mark.parametrize('left_m', [0.0, 1e-15, 1e-12, 1e-9, 1.1e-9, 1e-7, 1e-6, 1.1e-6, 1e-5])
-def test_what_two_blends_leave_of_a_line_is_driven_without_a_jump(left_m, robot):
+def test_rest_of_a_line_between_two_blends_is_driven_without_a_jump(left_m, robot):
     radius = 1e-3
     between = {'move_l': {'to_m': {'by_m': [0.0, 2.0 * radius + left_m, 0.0]}, 'blend_m': radius}}
     last = {'move_l': {'to_m': {'by_m': [0.0, radius + left_m, 0.0]}}}

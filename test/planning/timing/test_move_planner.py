@@ -126,7 +126,7 @@ def test_a_limit_of_the_tcp_is_nearly_met(kind, robot):
 
 
 @pytest.mark.parametrize('jerk', [100.0, 600.0, math.inf])
-def test_a_line_is_driven_with_the_time_optimal_master_itself(jerk, robot):
+def test_line_is_driven_with_the_unchanged_time_optimal_master(jerk, robot):
     planned = plan(robot, [to(0.2, 0.1, -0.85, jerk_m_s3=jerk)])
     move = planned.plan.move(0)
     assert move.length_m == pytest.approx(math.dist(HOME, (0.2, 0.1, -0.85)), rel=EXACT)
@@ -134,7 +134,7 @@ def test_a_line_is_driven_with_the_time_optimal_master_itself(jerk, robot):
     assert planned.notices == ()
 
 
-def test_a_gentle_curve_is_driven_with_the_time_optimal_master_itself(robot):
+def test_gentle_curve_is_driven_with_the_unchanged_time_optimal_master(robot):
     moves = [around((0.1, 0.1, -0.8), (0.2, 0.0, -0.8), speed_m_s=0.05, acceleration_m_s2=2.0)]
     move = plan(robot, moves).plan.move(0)
     assert np.array_equal(move.master, plan_master(move.length_m, 0.05, 2.0, 600.0))
@@ -149,7 +149,7 @@ CRUISES = {
 
 @pytest.mark.parametrize('kind', CRUISES)
 @pytest.mark.parametrize('speed', [0.3, 0.8, 1.0])
-def test_on_the_cruise_the_tcp_keeps_the_asked_speed_within_a_thousandth(kind, speed, robot):
+def test_tcp_cruises_at_the_requested_speed_within_a_thousandth(kind, speed, robot):
     """Also where bends make it speed up and brake more gently than asked: that costs no speed in between."""
     planned = plan(robot, [CRUISES[kind]], limits={'speed_m_s': speed})
     times = np.arange(0.0, planned.plan.duration_s, STEP_S)
@@ -178,7 +178,7 @@ FAST = st.fixed_dictionaries(
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_motors_keep_their_speed_and_peak_current_whatever_is_asked(kind, robot):
+def test_motors_keep_their_speed_and_peak_current_for_any_request(kind, robot):
     @settings(max_examples=examples(25))
     @given(KINDS[kind], FAST, st.floats(0.0, 5.0))
     def holds(moves, limits, payload_kg):

@@ -41,7 +41,7 @@ def test_a_shaper_is_a_mean(kind):
     assert (np.diff(shaper.delays_s) > 0.0).all()
 
 
-def test_zv_takes_half_a_period_and_the_others_no_more_than_one():
+def test_zv_lasts_half_a_period_and_the_other_shapers_at_most_one():
     durations = {kind: Shaper.of(kind, FREQUENCY_HZ, DAMPING).duration_s / PERIOD_S for kind in SHAPINGS}
     assert durations['zv'] == pytest.approx(0.5)
     assert durations['zvd'] == pytest.approx(1.0)
@@ -49,7 +49,7 @@ def test_zv_takes_half_a_period_and_the_others_no_more_than_one():
 
 
 @pytest.mark.parametrize('kind', SHAPINGS)
-def test_a_shaper_leaves_nothing_of_its_vibration(kind):
+def test_shaper_removes_its_vibration(kind):
     assert left(kind, FREQUENCY_HZ) < EXACT
 
 
@@ -81,7 +81,7 @@ def test_a_shaped_master_is_the_sum_of_delayed_ones(kind, jerk):
     assert np.abs(sample_master(times, found) - wanted)[:, :2].max() < 1e-9
 
 
-def test_shapers_for_several_vibrations_leave_nothing_of_any_of_them():
+def test_shapers_for_several_vibrations_remove_each_of_them():
     vibrations = [(27.0, 0.27), (36.0, 0.37), (73.0, 0.31)]
     shaper = Shaper.of_each('modes', vibrations)
     assert shaper.weights.sum() == pytest.approx(1.0, abs=EXACT)
@@ -136,7 +136,7 @@ def test_without_shaping_a_plan_is_the_same_to_the_bit(robot):
 
 
 @pytest.mark.parametrize('kind', SHAPINGS)
-def test_a_shaped_move_keeps_its_path_and_takes_as_much_longer_as_the_shaper(kind, robot):
+def test_shaped_move_keeps_its_path_and_is_longer_by_the_duration_of_the_shaper(kind, robot):
     moves = [to(0.1, 0.0, -0.8, **QUICK), around((0.15, 0.1, -0.8), (0.0, 0.15, -0.8)), dwell(0.1)]
     plain = plan(robot, moves)
     smooth = plan(shaped(robot, kind, shaping_frequency_hz=FREQUENCY_HZ, shaping_damping=DAMPING), moves)
@@ -148,7 +148,7 @@ def test_a_shaped_move_keeps_its_path_and_takes_as_much_longer_as_the_shaper(kin
     assert smooth.plan.moves[2].duration_s == 0.1  # who waits is not shaped
 
 
-def test_what_has_its_times_is_not_shaped(robot):
+def test_move_with_given_times_is_not_shaped(robot):
     angles = [{'time_s': 0.4, 'angles_rad': [0.25, 0.25, 0.25], 'speeds_rad_s': [0, 0, 0]}]
     moves = [{'cubic': {'to_m': [0.05, 0.0, -0.78], 'duration_s': 0.4}}, {'joints': {'points': angles}}]
     found = plan(shaped(robot, 'zvd'), moves).plan
@@ -185,7 +185,7 @@ def test_each_move_is_shaped_for_the_vibration_at_its_own_end(robot):
     assert durations[1] > 1.2 * durations[0]  # far out the arms swing more slowly
 
 
-def test_a_frequency_that_nothing_could_wait_for_is_rejected(robot):
+def test_shaping_frequency_below_1_hz_is_rejected(robot):
     assert set(parameters.SHAPINGS) == {'none', *SHAPINGS, 'modes'}
     with pytest.raises(
         ParameterError, match=r'shaping_frequency_hz is 0\.5, but must be 0 \(computed\) or at least 1'

@@ -149,7 +149,7 @@ def test_a_heavier_arm_than_the_motors_hold_is_rejected(robot):
     assert 'even at standstill' in sentence
 
 
-def test_blended_moves_are_time_optimal_all_of_them_or_none(robot):
+def test_blended_moves_are_either_all_time_optimal_or_none(robot):
     moves = cycle()
     moves[1]['move_l']['time_optimal'] = True
     assert 'must be time-optimal all of them or none' in refusal(plan, robot, moves, HERE)

@@ -261,7 +261,9 @@ def test_a_smoothed_master_has_no_jump(seed, length, acceleration, jerk):
 
 
 @given(st.floats(0.1, 2.0), st.floats(0.2, 2.0), st.floats(2.0, 30.0), st.floats(100.0, 5000.0))
-def test_on_a_free_line_smoothing_takes_the_time_of_the_closed_formula(length, speed, acceleration, jerk):
+def test_duration_of_smoothing_on_a_free_line_agrees_with_the_closed_formula(
+    length, speed, acceleration, jerk
+):
     """The jerk-limited master that reaches its speed takes a/j longer: the moving average of it is that master."""
     jerk = max(jerk, 1.001 * acceleration**2 / speed)
     window = acceleration / jerk

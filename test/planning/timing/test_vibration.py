@@ -37,7 +37,7 @@ def test_with_free_rotors_they_are_those_of_two_masses_on_a_spring(robot):
     assert all(abs(mode.damping) < 1e-6 for mode in modes)
 
 
-def test_shafts_that_nothing_can_turn_leave_the_arms_on_their_springs(robot):
+def test_arms_on_locked_shafts_oscillate_on_their_springs(robot):
     stuck = robot.replace(**LOOSE, rich__break_away_torque_n_m=100.0, rich__presliding_rad=1e-5)
     modes = vibration_modes(PLACE, 0.5, stuck, sticking=1.0)
     wanted = np.sqrt(robot.rich.gear_stiffness_n_m_rad / principal(robot)) / math.tau
@@ -66,7 +66,7 @@ def test_a_payload_and_a_place_far_out_make_it_slower(robot):
     assert lowest[0] > 1.2 * lowest[1] > 1.2 * 1.2 * lowest[2]
 
 
-def test_the_controller_goes_by_the_stiffness_that_it_knows(robot):
+def test_controller_uses_its_own_stiffness_parameter(robot):
     known = robot.replace(control__gear_stiffness_n_m_rad=4.0 * robot.rich.gear_stiffness_n_m_rad)
     assert (
         vibration_modes(PLACE, 0.5, known)[0].frequency_hz
@@ -91,6 +91,6 @@ def test_largest_oscillation_on_the_path_counts(robot):
     assert excited_mode(PLACE, way, 0.5, robot) == pytest.approx(excited_mode(PLACE, way[1:2], 0.5, robot))
 
 
-def test_out_of_reach_nothing_is_known(robot):
+def test_values_out_of_reach_are_undefined(robot):
     with pytest.raises(UnreachableError):
         vibration_modes(np.array([2.0, 0.0, -0.8]), 0.5, robot)

@@ -45,7 +45,7 @@ def greetings(topics=TYPES):
 
 @settings(max_examples=examples(25))
 @given(st.permutations(messages()))
-def test_messages_belong_to_the_cycle_of_their_stamp_in_whatever_order_they_came(tmp_path_factory, arrivals):
+def test_messages_belong_to_the_cycle_of_their_stamp_in_any_order_of_arrival(tmp_path_factory, arrivals):
     bag = record(tmp_path_factory.mktemp('order') / 'bag', arrivals)
     assert_holds(bag_trace.read_bag(bag))
 
@@ -79,7 +79,7 @@ def test_greetings_before_cyclic_operation_are_neither_cycles_nor_errors(topics,
     assert 'refused' not in trace.meta
 
 
-def test_a_recording_of_greetings_only_has_nothing_to_show(tmp_path):
+def test_recording_of_greetings_only_is_rejected_as_empty(tmp_path):
     assert 'no message of cyclic operation' in refusal(record(tmp_path / 'bag', greetings()))
 
 
@@ -118,7 +118,7 @@ def test_a_cycle_that_any_topic_lacks_is_left_out_and_no_other(tmp_path_factory,
     assert_holds(trace, sorted(set(range(CYCLES)) - incomplete))
 
 
-def test_what_the_recorder_counted_as_lost_stays_in_the_metadata(tmp_path):
+def test_losses_counted_by_the_recorder_stay_in_the_metadata(tmp_path):
     meta = META | {'lost': {'tcp/actual': 1}}
     arrivals = [entry for entry in messages() if entry != messages([4], ['tcp/actual'])[0]]
     trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals, meta))
@@ -287,7 +287,7 @@ def test_robot_never_received_does_not_exist(tmp_path):
     assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), types=types)))
 
 
-def test_bag_of_another_robot_is_rejected_with_what_was_expected(tmp_path):
+def test_bag_of_another_robot_is_rejected_with_the_expected_one(tmp_path):
     data = messages([0], ['tcp/command'])[0][1]
     bag = record(tmp_path / 'bag', [('camera/command', data)], types={'camera/command': POINT})
     assert 'no cyclic topic of a robot (sercos/mdt' in refusal(bag)

@@ -114,7 +114,7 @@ def test_metadata_and_topics_are_on_the_disk_from_the_beginning(tmp_path):
     assert [c.topic for c in recover(tmp_path / 'bag' / 'bag.mcap').channels.values()] == ['/a', '/b']
 
 
-def test_what_was_flushed_is_on_the_disk_and_nothing_waits_for_a_second_chunk(tmp_path):
+def test_flushed_messages_are_on_the_disk_in_one_chunk(tmp_path):
     writer, topics = opened(tmp_path / 'bag')
     fill(writer, topics, 10)
     assert left(tmp_path / 'bag') == 0
@@ -126,7 +126,7 @@ def test_what_was_flushed_is_on_the_disk_and_nothing_waits_for_a_second_chunk(tm
     assert bag_writer.FLUSH_S <= 1.0
 
 
-def test_a_writer_that_is_killed_leaves_what_it_had_flushed(tmp_path):
+def test_killed_writer_leaves_the_flushed_messages(tmp_path):
     code = (
         'import sys, os, signal; from pathlib import Path\n'
         'from delta3_pacdrive.recording.bags.bag_writer import BagWriter\n'

@@ -46,6 +46,6 @@ def counted(cycles, starts=(), greeting=False):
         ([], [0], True, 0),
     ],
 )
-def test_missing_is_what_was_published_after_the_listener_joined(cycles, starts, greeting, lost):
+def test_messages_count_as_missing_after_the_listener_joined(cycles, starts, greeting, lost):
     cycles = list(cycles)
     assert counted(cycles, starts, greeting) == (len(cycles), lost)

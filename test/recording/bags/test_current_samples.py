@@ -86,7 +86,7 @@ def test_first_message_of_another_layout_does_not_define_the_topic(tmp_path):
     np.testing.assert_allclose(trace['current_rms'], expected('current_rms', range(CYCLES)), rtol=1e-14)
 
 
-def test_sums_go_from_sample_to_sample_as_in_a_drive():
+def test_sums_accumulate_sample_by_sample_as_in_a_drive():
     samples = np.array([[1e16, 1.0, -1e16, 1.0]])
     mean, rms, least, greatest = figures_of(samples)
     assert mean[0] == 0.25  # the first 1 is lost beside 1e16, however one would add otherwise
@@ -94,7 +94,7 @@ def test_sums_go_from_sample_to_sample_as_in_a_drive():
     assert rms[0] == pytest.approx(1e16 / np.sqrt(2.0))
 
 
-def test_currents_of_which_no_cycle_is_whole_give_nothing():
+def test_currents_without_a_complete_cycle_give_no_figures():
     stamps, values = np.array([0, 250_000, 1_250_000, 1_500_000]), np.ones((4, 4))
     cycles, _ = samples_of_cycles((stamps, values), CYCLE_NS)
     assert cycles.tolist() == []

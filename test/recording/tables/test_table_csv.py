@@ -75,7 +75,7 @@ def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
         load(tmp_path / 'a.csv', text, gaps=False)
 
 
-def test_table_without_gaps_reports_none(tmp_path):
+def test_table_without_gaps_reports_no_gaps(tmp_path):
     assert 'notices' not in load(tmp_path / 'a.csv', lines()).meta
 
 
@@ -104,7 +104,7 @@ def test_table_without_gaps_reports_none(tmp_path):
         ('# exported by a logger\n', 'is empty'),
     ],
 )  # fmt: skip
-def test_unknown_table_gets_one_sentence(content, sentence, tmp_path):
+def test_unknown_table_is_rejected_with_one_message(content, sentence, tmp_path):
     with pytest.raises(TraceError, match=sentence) as caught:
         load(tmp_path / 'a.csv', content)
     assert '\n' not in str(caught.value)
@@ -241,7 +241,7 @@ def test_a_separator_at_the_end_of_every_row_moves_no_column(head, end, separato
 
 @pytest.mark.parametrize('first', [0, 1, 1000])
 @pytest.mark.parametrize('head', [COUNTED, UNIT_ROW])
-def test_an_index_is_what_counts_before_the_first_heading_if_rows_have_a_last_cell(head, first, tmp_path):
+def test_unnamed_first_column_is_an_index_if_rows_have_one_more_cell(head, first, tmp_path):
     body = ''.join(f'{first + 3 * n},{n},{n}.5,{n + 10},{"" if n else 20}\n' for n in range(5))
     trace = load(tmp_path / 'a.csv', f'{head}\n{body}', gaps=True)
     assert trace.time_s.tolist() == [n * 1e-3 for n in range(5)]
@@ -343,7 +343,7 @@ def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path)
         (('columns:', 'decimal: ","\ncolumns:'), r'contains numbers with .*, its column file has'),
     ],
 )
-def test_a_column_file_that_is_wrong_gets_one_sentence(change, sentence, tmp_path):
+def test_invalid_column_file_is_rejected_with_one_message(change, sentence, tmp_path):
     table = 'Zeit;Größe 1;Größe 2;x\n0;1.5;1;3\n5;20;2;4\n'.encode()
     with pytest.raises(TraceError, match=sentence) as caught:
         load(tmp_path / 'a.csv', table, chosen(tmp_path, COLUMNS.replace(*change)))

@@ -106,7 +106,7 @@ def test_a_drive_answers_the_call_and_joins_in_its_session(rig: Rig) -> None:
     assert rig.answers == list(range(10))
 
 
-def test_drive_answers_greetings_when_it_knows_its_shaft_position() -> None:
+def test_drive_answers_greetings_after_receiving_its_shaft_position() -> None:
     rig = Rig()
     rig.phase(Phase.CP1)
     assert rig.on_bus.greeted(0) is None
@@ -116,7 +116,7 @@ def test_drive_answers_greetings_when_it_knows_its_shaft_position() -> None:
     assert rig.on_bus.greeted(0) is None
 
 
-def test_an_mdt_ahead_of_bus_time_is_rejected_and_takes_nothing_with_it(rig: Rig) -> None:
+def test_mdt_ahead_of_bus_time_is_rejected_without_side_effects(rig: Rig) -> None:
     rig.run(5)
     far = 5 + ROBOT.bus.outstanding_cycles_max + AHEAD
     rig.on_bus.take_command(far + 1, OFF)
@@ -142,7 +142,7 @@ def test_while_it_is_the_plant_that_is_waited_for_no_master_is_missed(rig: Rig) 
     assert rig.losses == []
 
 
-def test_without_master_and_plant_nothing_is_left_to_stop_with(rig: Rig) -> None:
+def test_robot_without_master_and_plant_cannot_be_stopped(rig: Rig) -> None:
     rig.run(200, ENABLE)
     rig.phase(Phase.CP0)
     assert rig.on_bus.slave.parting
@@ -151,9 +151,7 @@ def test_without_master_and_plant_nothing_is_left_to_stop_with(rig: Rig) -> None
 
 
 @pytest.mark.parametrize('cycles', [3, 8])  # in the middle of a block of samples, and at its end
-def test_what_the_oscilloscope_has_seen_is_shown_with_the_parameters_of_its_time(
-    cycles: int, rig: Rig
-) -> None:
+def test_oscilloscope_samples_are_converted_with_the_parameters_of_their_time(cycles: int, rig: Rig) -> None:
     blocks: list[Block] = []
     rig.on_bus.arm([channel_named('S-0-0104')], 16, blocks.append)
     rig.run(cycles)

@@ -105,7 +105,7 @@ def test_a_torque_limit_bounds_the_current_of_drive_and_motor(robot):
     assert bench.moved[-1] == pytest.approx([20.0] * 3, abs=0.01)
 
 
-def test_a_drive_that_may_not_carry_its_load_lets_the_arm_sag_and_trips_8111(robot):
+def test_drive_limited_below_its_load_lets_the_arm_sag_and_trips_8111(robot):
     load = min(Robot(robot).plant.shafts()[6:])
     assert load < -0.2  # N m: arms point down, their weight pulls towards positive angles
     weak = robot.replace(drive__torque_limit_n_m=0.05)
@@ -115,7 +115,7 @@ def test_a_drive_that_may_not_carry_its_load_lets_the_arm_sag_and_trips_8111(rob
     assert (bench.moved[-1] > 8.0 * robot.drive.following_error_limit_rad).all()
 
 
-def test_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_and_8111(robot):
+def test_velocity_limit_lets_the_drive_lag_a_faster_command_until_8132_and_8111(robot):
     limit, rate = 50.0, 0.1
     bench = Bench(robot.replace(drive__velocity_limit_rad_s=limit)).run(100)
     errors = []
@@ -132,7 +132,7 @@ def test_velocity_limit_leaves_the_drive_behind_a_faster_command_until_8132_and_
     assert bench.faults == [DriveFault.FOLLOWING_ERROR] * 3
 
 
-def test_the_planner_knows_nothing_of_a_torque_limit(robot):
+def test_planner_ignores_a_torque_limit(robot):
     experiment = program_file.load('experiment1', robot.motion)
     with pytest.raises(RunError, match='8111'):
         run(experiment, robot.replace(drive__torque_limit_n_m=0.5))
@@ -166,7 +166,7 @@ def test_current_integrator_stops_at_the_voltage_limit(robot):
     assert abs(integrals[-1]) <= limit
 
 
-def test_velocity_feed_forward_takes_the_lag_out_of_a_constant_speed(robot):
+def test_velocity_feed_forward_removes_the_lag_at_constant_speed(robot):
     rate = 0.2  # rad per cycle: 200 rad/s
     lags = []
     for share in (1.0, 0.0):

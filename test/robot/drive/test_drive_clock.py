@@ -133,7 +133,7 @@ def test_a_command_that_a_fault_took_away_is_extrapolated_without_waiting(rig: R
     assert int(rig.drive.state['mdt_losses'][0]) == 1
 
 
-def test_what_came_before_cyclic_operation_began_waits_and_older_things_are_forgotten() -> None:
+def test_telegrams_of_the_first_cycle_wait_and_older_ones_are_discarded() -> None:
     rig = Rig()
     for cycle in (98, 100):
         rig.clock.take_command(cycle, COMMAND)
@@ -176,7 +176,7 @@ def test_a_drive_that_has_parted_and_joined_again_extrapolates_lost_commands_as_
     assert rig.stood == 1
 
 
-def test_drive_that_left_has_no_torque_and_accepts_nothing_until_it_joins_again(rig: Rig) -> None:
+def test_drive_that_left_has_no_torque_and_accepts_no_telegrams_until_it_rejoins(rig: Rig) -> None:
     rig.run(0, 200, ENABLE)
     rig.clock.leave()
     answers = list(rig.answers)

@@ -109,7 +109,7 @@ def test_a_drive_begins_with_the_current_of_its_load_and_an_empty_current_loop(r
     }
 
 
-def test_a_drive_that_is_enabled_again_gives_no_more_current_than_its_load_asks_for(robot):
+def test_reenabled_drive_outputs_only_the_current_of_its_load(robot):
     drive = MC4(robot)
     until(drive, DriveState.ENABLED, 0.0)
     cycles(drive, 30, 0.02, speed=4.0)
@@ -121,7 +121,7 @@ def test_a_drive_that_is_enabled_again_gives_no_more_current_than_its_load_asks_
     assert currents.min() > -0.01
 
 
-def test_bd2_takes_the_speed_down_by_s_0_0429_and_a_stronger_cause_at_once(robot):
+def test_bd2_decelerates_by_s_0_0429_and_a_stronger_cause_overrides_it(robot):
     drive = MC4(robot.replace(drive__stop_deceleration_rad_s2=2000.0))
     until(drive, DriveState.ENABLED, 0.0, coupling=0.0)
     position, speed = 0.0, 100.0

@@ -57,7 +57,7 @@ def test_a_short_in_the_winding_trips_the_end_stage_within_a_bus_cycle(speed, ax
     assert [other.fault for n, other in enumerate(bench.robot.drives) if n != axis] == [DriveFault.NONE] * 2
 
 
-def test_the_end_stage_blocks_itself_in_the_current_loop_period_of_the_over_current(robot):
+def test_end_stage_is_blocked_in_the_current_loop_period_of_the_over_current(robot):
     # one current-loop period per exchange
     drive = enabled_drive(robot.replace(bus__exchange_period_s=125e-6, drive__current_period_s=125e-6))
     drive.begin_cycle(0.0, CONTROL_ENABLE, 0.0, 0.0, 0.0)
@@ -120,7 +120,7 @@ def test_a_short_brakes_the_coasting_arms_before_their_brakes_do(robot):
     assert np.abs(speed_15_ms_after_the_power_went(short=True)).max() < 20.0
 
 
-def test_over_current_is_cleared_only_when_the_short_is_gone_and_the_drive_works_again(robot):
+def test_over_current_is_cleared_only_after_repair_of_the_short_and_the_drive_works_again(robot):
     bench = Bench(robot).run(100)
     shorted(bench, [1]).run(60, control=CONTROL_ON)
     drive = bench.robot.drives[1]
@@ -239,7 +239,7 @@ def test_a_slipping_encoder_keeps_its_offset_when_it_is_tightened(robot):
 # hardware: brakes and loads
 
 
-def test_a_worn_out_brake_lets_the_arm_sag_to_its_stop_when_the_power_goes(robot):
+def test_arm_with_a_worn_out_brake_sags_to_its_stop_on_loss_of_power(robot):
     bench = Bench(robot).run(100)
     bench.robot.plant.state['brake_share'] = 0.0
     bench.run(2000, control=CONTROL_ON)
@@ -253,7 +253,7 @@ def test_a_worn_out_brake_lets_the_arm_sag_to_its_stop_when_the_power_goes(robot
     assert (theta.max(axis=0) < stop + 2.0).all()
 
 
-def test_a_drive_whose_brake_sticks_slips_through_it_with_the_current_of_its_torque(robot):
+def test_drive_slips_through_a_sticking_brake_with_the_current_of_its_torque(robot):
     def current_at_20_rad_s(stuck):
         bench = Bench(robot)
         bench.robot.plant.state['brake_stuck'][0, 0] = stuck
@@ -335,7 +335,7 @@ def test_encoder_jitter_is_not_a_fault(robot):
     assert np.ptp(bench.moved[-200:], axis=0).min() > INCREMENT_RAD
 
 
-def test_a_broken_encoder_cannot_be_cleared_before_it_is_mended(robot):
+def test_broken_encoder_fault_is_cleared_only_after_repair(robot):
     bench = Bench(robot).run(100)
     drive = bench.robot.drives[1]
     drive.state['encoder_broken'] = 1

@@ -91,7 +91,7 @@ def test_the_speed_of_the_set_point_is_its_feed_forward(slow):
     np.testing.assert_allclose(speed[1:-1][inner], central[inner], atol=2e-3 * np.abs(speed).max())
 
 
-def test_the_current_feed_forward_is_a_stair_or_goes_straight(slow):
+def test_current_feed_forward_is_a_staircase_or_linear(slow):
     cycle_s = slow.bus.cycle_time_s
     bare = slow.replace(drive__velocity_gain_a_s_rad=0.0, drive__velocity_integral_gain_a_rad=0.0)
     steps, rate = round(cycle_s / 250e-6), math.tau * 3.0
@@ -128,7 +128,7 @@ def test_drive_at_rest_requests_no_speed(interpolation, robot):
 
 
 @pytest.mark.parametrize('cycle_s', [1e-3, 2e-3, 4e-3])
-def test_cubic_interpolation_takes_the_pulses_from_the_current_and_nothing_from_the_tcp(cycle_s, robot):
+def test_cubic_interpolation_removes_the_current_pulses_without_effect_on_the_tcp(cycle_s, robot):
     program = program_file.load('experiment1', robot.motion)
     runs = {}
     for name in ('linear', 'cubic'):

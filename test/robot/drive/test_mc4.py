@@ -67,7 +67,7 @@ def test_at_has_the_torque_of_the_current(robot):
 # enabling
 
 
-def test_enabling_lets_no_arm_sag(robot):
+def test_arms_do_not_sag_at_enabling(robot):
     for home in ([0.0, 0.0, -0.75], [0.34, 0.34, -0.91]):
         bench = Bench(robot.replace(motion__home_m=home)).run(5, control=CONTROL_ON).run(200)
         assert np.abs(bench.moved).max() / GEAR < SAG_RAD

@@ -56,7 +56,7 @@ def test_the_frequency_response_is_that_of_scipy(which, robot):
 
 
 @pytest.mark.parametrize('depth', [0.001, 0.05, 1.0])
-def test_notch_passes_its_depth_at_the_centre_and_everything_at_zero_frequency(depth, robot):
+def test_notch_gain_is_its_depth_at_the_centre_and_one_at_zero_frequency(depth, robot):
     deep = robot.replace(**ONE | {'drive__notch_1_depth': depth, 'drive__notch_1_frequency_hz': 200.0})
     time_s = PERIOD_S * np.arange(SAMPLES)
     behind = filtered(np.sin(math.tau * 200.0 * time_s), deep)
@@ -85,7 +85,7 @@ def test_filter_without_frequency_is_off_at_any_damping_and_depth(robot):
     assert idle.torque_dead_time_s == robot.torque_dead_time_s
 
 
-def test_a_second_filter_alone_is_bit_by_bit_what_a_first_one_is(robot):
+def test_single_second_filter_has_the_bits_of_a_single_first_one(robot):
     values = np.random.default_rng(1).normal(size=200)
     names = ('frequency_hz', 'damping', 'depth')
     first, second = (

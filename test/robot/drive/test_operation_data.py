@@ -243,7 +243,7 @@ def test_the_values_of_the_strange_robot_differ_from_each_other_and_from_the_def
     assert {name for name, value in ROBOT.items() if default[name] == value} == unchanged
 
 
-def test_the_drive_knows_every_idn_of_the_data_sheet():
+def test_drive_provides_every_idn_of_the_data_sheet():
     assert set(EXPECTED) <= {format_idn(idn) for idn in TABLE}
 
 
@@ -269,7 +269,7 @@ def test_a_drive_is_in_position_within_its_window(error_rad, told, strange):
 
 
 @for_each('text', EXPECTED)
-def test_every_idn_answers_its_own_value_in_its_own_unit(text, register):
+def test_every_idn_returns_its_own_value_in_its_own_unit(text, register):
     unit, value, _ = EXPECTED[text]
     answer = serve(register, text, Operation.READ, CP4)
     assert not answer.error

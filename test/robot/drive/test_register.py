@@ -173,7 +173,7 @@ def test_writing_is_allowed_in_the_phases_of_the_table_only(row, phase, drive):
     assert bool(drive.changes) == (expected == ServiceError.NONE)
 
 
-def test_what_shapes_the_torque_may_be_changed_in_cyclic_operation_what_times_the_brake_not():
+def test_torque_parameters_are_writable_in_cyclic_operation_and_brake_times_are_not():
     for row in WRITABLE:
         assert row.writable_in in (ALWAYS, BEFORE_CP4)
     gains = [row for row in WRITABLE if row.group in (Group.GAINS, Group.FILTERS)]
@@ -271,7 +271,7 @@ def test_missing_reply_is_reported_with_the_name_of_the_data():
     assert refusal(Access(KV, Operation.READ), Answer(KV, value=60.0)) == ''
 
 
-def test_rule_between_parameters_is_reported_in_its_own_sentence(drive, monkeypatch):
+def test_rule_between_parameters_is_reported_in_a_separate_message(drive, monkeypatch):
     def broken(self, **values):
         raise ParameterError('drive.a must not exceed drive.b')
 

@@ -276,7 +276,7 @@ def test_a_following_error_over_its_limit_is_a_warning_and_over_eight_times_a_fa
     assert 0.2 * (tripped - 2) > 8.0 * limit >= 0.2 * (tripped - 3)
 
 
-def test_torque_off_takes_the_power_at_once_and_the_arm_sags_until_the_brake_holds(robot):
+def test_torque_off_cuts_the_power_immediately_and_the_arm_sags_until_the_brake_holds(robot):
     bench = Bench(robot).run(100).run(100, control=CONTROL_OFF)
     off = cycles_until(bench, DriveState.READY, 0)
     ready = [states[0] for states in bench.states].index(DriveState.READY, 60)
@@ -328,7 +328,7 @@ def test_halted_drive_holds_torque_and_continues_from_its_position(robot):
 
 
 @pytest.mark.parametrize('axis', [0, 2])
-def test_a_jumping_encoder_takes_the_torque_away(axis, robot):
+def test_encoder_jump_disables_the_torque(axis, robot):
     bench = Bench(robot).run(100)
     bench.robot.drives[axis].state['encoder_offset'] = 3.0
     bench.run(1)
@@ -375,7 +375,7 @@ def test_without_bit_15_no_state_keeps_its_torque(state, robot):
     assert drive.drive_state == DriveState.READY
 
 
-def test_a_fault_of_a_drive_whose_power_was_taken_away_can_be_cleared(robot):
+def test_fault_of_a_drive_after_loss_of_power_can_be_cleared(robot):
     drive = enabled_drive(robot)
     stand(drive, 0.0, 5, control=0)
     for _ in range(2):

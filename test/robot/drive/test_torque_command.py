@@ -66,7 +66,7 @@ def test_it_is_a_current_between_those_of_the_set_points_without_stairs(model):
     assert steps < 0.4 * 0.3 / 8.0 / K_M * 1.05
 
 
-def test_it_takes_the_place_of_the_inertia_of_the_drive(model):
+def test_torque_command_replaces_the_inertia_feed_forward_of_the_drive(model):
     drive = enabled(model)
     commands = [0.0, 0.0, 0.001, 0.004, 0.009]
     found = [cycle(drive, 0.0, command=command) for command in commands]

@@ -45,7 +45,7 @@ class Machine:
         return float(self.drive.state[name][0])
 
 
-def test_clear_takes_every_fault_of_drive_and_plant_back(robot):
+def test_clear_removes_every_fault_of_drive_and_plant(robot):
     machine = Machine(robot)
     for kind in KINDS.keys() - {
         'clear',

@@ -20,7 +20,7 @@ def test_faults_begin_and_end_in_the_order_of_bus_time():
     assert schedule.next_cycle == NEVER
 
 
-def test_telegrams_are_disturbed_for_as_many_cycles_as_are_asked_for():
+def test_telegrams_are_disturbed_for_the_requested_number_of_cycles():
     schedule = Schedule()
     assert not schedule.disturbs_telegrams
     fault = parse({'fault': 'drop_mdt', 'axis': 'axis3', 'cycles': 2}, 'fault')

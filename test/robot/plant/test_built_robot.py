@@ -111,21 +111,21 @@ def test_rods_and_crooked_arms_keep_their_energy(effects, robot):
     assert abs(balance) < RIGID * exchanged
 
 
-def test_an_elastic_gear_keeps_what_it_is_given(robot):
+def test_elastic_gear_conserves_energy(robot):
     elastic = with_only(robot, 'gear', 'forearm_rods', 'geometry', **LOSSLESS)
     balance, exchanged, _ = balance_of_work(elastic, 200)
     print(f'exchanged {exchanged:.3f} J, balance {balance:.1e} J')
     assert abs(balance) < ELASTIC * exchanged
 
 
-def test_flanks_without_damping_give_back_what_they_take(robot):
+def test_undamped_flanks_return_their_energy(robot):
     loose = with_only(robot, 'gear', **(LOSSLESS | {'rich__gear_backlash_rad': 2e-3}))
     balance, exchanged, _ = balance_of_work(loose, 200)
     print(f'exchanged {exchanged:.3f} J, balance {balance:.1e} J')
     assert abs(balance) < STEPWISE * exchanged
 
 
-def test_a_damped_gear_turns_into_heat_what_its_dampers_take(robot):
+def test_damped_gear_converts_the_work_of_its_dampers_into_heat(robot):
     damped = with_only(robot, 'gear', **(LOSSLESS | {'rich__gear_damping_n_m_s_rad': 60.0}))
     plant = released_plant(damped)
     plant.state['current'] = before = wave(0.0)

@@ -101,7 +101,7 @@ def test_held_arms_hang_half_the_backlash_and_the_gears_yielding_below_their_sha
     assert sag == pytest.approx(0.5 * plant_robot.rich.gear_backlash_rad + yielding, rel=1e-9)
 
 
-def test_locked_shaft_rests_while_its_arm_oscillates_behind_the_gear(robot):
+def test_locked_shaft_rests_while_its_arm_oscillates_on_the_gear(robot):
     plant = released_plant(with_only(robot, 'gear'))
     drive(plant, 150)
     drive(plant, 30, brakes=APPLIED)
@@ -126,9 +126,7 @@ def test_gears_too_stiff_for_the_step_get_shorter_ones(stiffness, robot):
 
 
 @pytest.mark.parametrize('effects', [SWITCHES, ('gear',), ('friction',), ('ripple',), ('friction', 'ripple')])
-def test_the_coupling_torque_is_what_a_motor_feels_beyond_linear_inertia_and_modelled_friction(
-    effects, robot
-):
+def test_coupling_torque_is_the_motor_load_beyond_linear_inertia_and_modelled_friction(effects, robot):
     """K_m I - F_s tanh(w/w_s) - F_v w = (A_bar / k_r^2) w' + d (4.29), independent of the real friction."""
     plant_robot = with_only(robot, *effects)
     plant, currents = released_plant(plant_robot), np.array([2.0, -1.0, 0.5])
@@ -201,7 +199,7 @@ def test_the_steady_friction_has_its_minimum_where_stribecks_curve_has_it(robot)
     assert [steady(-w) for w in (0.1, 3.0, 30.0)] == [-steady(w) for w in (0.1, 3.0, 30.0)]
 
 
-def test_shaft_that_comes_to_rest_under_friction_does_not_chatter(robot):
+def test_shaft_stopped_by_friction_does_not_chatter(robot):
     plant = released_plant(weightless(robot))
     drive(plant, 30, [1.0, 1.0, 1.0])
     speeds = []

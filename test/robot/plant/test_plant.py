@@ -298,7 +298,7 @@ def test_a_brake_follows_its_command_after_its_delays(robot):
     assert closed * STEP_S == pytest.approx(robot.motor.brake_apply_s, abs=2 * STEP_S)
 
 
-def test_a_short_blip_of_the_brake_command_opens_nothing(robot):
+def test_short_pulse_of_the_brake_command_does_not_open_the_brake(robot):
     plant = Plant(robot)
     home = angles(plant)
     for _ in range(5):
@@ -322,7 +322,7 @@ def test_a_brake_without_torque_is_as_if_it_were_open(robot):
     assert (deepest < stop + 2.0).all()
 
 
-def test_a_worn_brake_holds_what_is_left_of_its_torque(robot):
+def test_worn_brake_holds_its_remaining_torque(robot):
     load = np.array(Plant(robot).shafts()[6:])
     enough, too_little = 1.02 * np.abs(load) / BRAKE_N_M, 0.9 * np.abs(load) / BRAKE_N_M
     holding, slipping = Plant(robot), Plant(robot)
@@ -401,7 +401,7 @@ def test_a_gripped_payload_weighs_and_is_as_if_it_had_always_been_there(payload,
 
 
 @pytest.mark.parametrize('payload', [0.8, 3.0])
-def test_a_payload_that_falls_off_is_gone_until_the_next_is_gripped(payload, robot):
+def test_lost_payload_is_zero_until_the_next_grip(payload, robot):
     losing, empty = (released_plant(robot, dynamics__payload_mass_kg=mass) for mass in (payload, 0.0))
     losing.state['payload_lost'] = 1
     silence = np.zeros((MS, 3))
@@ -422,7 +422,7 @@ def test_the_next_payload_that_is_gripped_weighs_again(robot):
         assert plant.shafts()[6:] == pytest.approx(weights[carried], abs=1e-12)
 
 
-def test_losing_nothing_changes_nothing(robot):
+def test_zero_loss_has_no_effect(robot):
     losing, empty = (released_plant(robot, dynamics__payload_mass_kg=0.0) for _ in range(2))
     losing.state['payload_lost'] = 1
     assert np.array_equal(drive(losing, 50), drive(empty, 50))

@@ -135,7 +135,7 @@ def test_bus_time_stops_when_no_drive_has_power(rig: Rig) -> None:
     assert rig.clock.exchange == 0
 
 
-def test_machine_comes_to_rest_at_the_end_and_the_next_cycle_is_complete(rig: Rig) -> None:
+def test_machine_stops_at_the_end_and_the_next_cycle_is_complete(rig: Rig) -> None:
     rig.run(PER_CYCLE + 1)
     cycle = rig.clock.come_to_rest()
     assert rig.clock.exchange == cycle * PER_CYCLE
@@ -144,7 +144,7 @@ def test_machine_comes_to_rest_at_the_end_and_the_next_cycle_is_complete(rig: Ri
     assert rig.clock.shafts()[3:6] == pytest.approx([0.0] * 3, abs=1e-9)
 
 
-def test_after_rest_everybody_has_power_again_and_bus_time_does_not_go_back(rig: Rig) -> None:
+def test_after_rest_all_participants_have_power_again_and_bus_time_does_not_decrease(rig: Rig) -> None:
     cycle = rig.clock.come_to_rest()
     rig.clock.begin(0)
     assert rig.clock.exchange == cycle * PER_CYCLE

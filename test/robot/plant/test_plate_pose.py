@@ -130,7 +130,7 @@ def test_masses_need_not_know_of_it(home, robot):
     np.testing.assert_allclose(np.transpose(columns), jacobian, atol=5e-3 * np.abs(jacobian).max())
 
 
-def test_only_the_true_tcp_knows_of_it(robot):
+def test_only_the_true_tcp_is_affected(robot):
     program = programs.parse({'moves': [{'move_l': {'to_m': [0.05, 0.05, -0.80]}}]}, robot.motion)
     even = with_only(robot)
     plain, tilted = (simulation.run(program, one) for one in (even, even.replace(rich__parallelogram=True)))

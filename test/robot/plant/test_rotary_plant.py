@@ -84,7 +84,7 @@ def test_a_current_accelerates_rotor_tool_and_part_together(robot):
     assert axis.angle_rad == axis.shaft()[0] / rotary.gear_ratio
 
 
-def test_the_coupling_torque_is_what_the_drive_does_not_know(robot):
+def test_coupling_torque_is_the_load_outside_the_model_of_the_drive(robot):
     machine = with_axis(robot, **FREE)
     axis = released(machine)
     run(axis, 0.01, 2.0, payload_kg=2.0)

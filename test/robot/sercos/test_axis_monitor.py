@@ -135,7 +135,7 @@ def commands(task, first, last):
     return np.array(places), controls
 
 
-def test_a_stop_begins_at_its_cycle_ends_on_the_path_and_then_takes_the_torque_off(task):
+def test_stop_starts_at_its_cycle_ends_on_the_path_and_then_disables_torque(task):
     undisturbed, _ = commands(task, 0, 100)
     task.stop_at(120)
     before, controls = commands(task, 100, 120)
@@ -156,7 +156,7 @@ def test_a_stop_begins_at_its_cycle_ends_on_the_path_and_then_takes_the_torque_o
 
 
 @pytest.mark.parametrize('cycles', [(300, 150), (150, 300)])
-def test_the_earlier_of_two_stops_counts_whichever_is_asked_for_first(cycles, task):
+def test_earlier_of_two_stops_is_valid_in_any_order_of_requests(cycles, task):
     for cycle in cycles:
         task.stop_at(cycle)
     commands(task, 0, 160)
@@ -349,7 +349,7 @@ def test_many_answers_count_as_they_would_one_by_one(telegrams, good):
     assert at_once == one_by_one
 
 
-def test_answers_of_many_cycles_leave_what_the_last_of_them_would(master):
+def test_answers_of_many_cycles_have_the_effect_of_the_last_one(master):
     answers = np.arange(9.0).reshape(3, 3)
     master.accept_cycles(7, answers, [FOLLOWS, FOLLOWS, 0])
     assert master.positions.tolist() == [0.0, 1.0, 2.0]

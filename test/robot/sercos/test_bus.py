@@ -133,7 +133,7 @@ def test_due_times_do_not_drift_with_late_starts():
     assert scheduler.slip_s == 0.0
 
 
-def test_a_cycle_that_is_held_back_counts_one_overrun_however_often_it_is_asked_for():
+def test_delayed_cycle_counts_one_overrun_for_any_number_of_queries():
     scheduler = CycleScheduler(1e-3, 4)
     assert scheduler.may_start(0, 0, 0.0)
     assert not scheduler.may_start(1, 4, 0.0005)  # not due: no overrun
@@ -155,7 +155,7 @@ def test_late_cycles_are_caught_up():
     assert scheduler.slip_s == 0.0
 
 
-def test_a_schedule_with_belts_that_cannot_catch_up_slips_at_once_and_is_on_time_again():
+def test_late_schedule_with_belts_slips_immediately_and_is_on_time_again():
     scheduler = CycleScheduler(1e-3, 8, catches_up=False)
     scheduler.begin(0, 0.0)
     assert scheduler.may_start(0, 0, 0.0)

@@ -42,7 +42,7 @@ def test_repeated_and_past_inputs_change_nothing() -> None:
     assert image.lost == 0
 
 
-def test_a_new_operation_keeps_what_was_known_of_the_same_inputs_alone() -> None:
+def test_new_operation_keeps_values_of_the_same_inputs_only() -> None:
     image = InputImage()
     image.begin(0, ('part',))
     image.put(0, 1)

@@ -97,7 +97,7 @@ ROWS = {
 
 
 @pytest.mark.parametrize('phase', ROWS)
-def test_a_phase_that_waits_for_nothing_goes_over_to_the_next(phase: Phase, bus: Bus) -> None:
+def test_phase_without_conditions_advances_to_the_next(phase: Phase, bus: Bus) -> None:
     bus.up_to(phase)
     actions = [action for action in bus.poll() if not isinstance(action, Greet)]
     goal, expected = ROWS[phase]
@@ -152,7 +152,7 @@ def test_table_has_only_the_rows_tested_here() -> None:
     assert {phase: event for phase, event in TRANSITIONS if phase != Phase.CP4} == ONWARD
 
 
-def test_before_cyclic_operation_nothing_falls_but_the_fault_is_noted(bus: Bus) -> None:
+def test_fault_before_cyclic_operation_is_recorded_without_a_phase_drop(bus: Bus) -> None:
     for phase in ROWS:
         bus.up_to(phase)
         assert bus.master.fall(BURNS, 0) == [Note(BURNS)]
@@ -265,7 +265,7 @@ def test_the_service_channels_are_open_from_cp3_on(bus: Bus) -> None:
 # cyclic operation -----------------------------------------------------------------------------------------------------
 
 
-def test_bus_time_never_goes_back(bus: Bus) -> None:
+def test_bus_time_never_decreases(bus: Bus) -> None:
     bus.up_to(Phase.CP3)
     bus.announce('plant', bus_cycle=4000)
     assert bus.poll(30)[-2:] == [Begin(4000), Announce(Phase.CP4, b'0001', 4000, True)]
@@ -295,7 +295,7 @@ def test_bus_continues_without_a_drive_only_if_others_remain(bus: Bus) -> None:
     assert give_up.fault.sources == (*DRIVES, 'plant')
 
 
-def test_a_start_up_that_begins_anew_asks_everybody_again(bus: Bus) -> None:
+def test_repeated_start_up_greets_all_participants_again(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     bus.master.fall('no matter what', 7)
     bus.poll()
@@ -372,7 +372,7 @@ def test_cyclic_operation_begins_only_with_all_four_participants_of_this_session
 
 
 @given(HAPPENINGS)
-def test_whatever_happens_phases_go_up_by_one_or_fall_to_cp0_and_what_is_announced_is_so(
+def test_phases_rise_by_one_or_fall_to_cp0_and_announcements_agree_under_any_events(
     happenings: list[Any],
 ) -> None:
     bus = Bus()

@@ -36,7 +36,7 @@ def test_reply_to_another_call_does_not_count_as_present(session: str, table: Pa
     assert table.bus_cycle == 0
 
 
-def test_a_new_session_calls_everybody_anew_and_bus_time_never_goes_back(
+def test_new_session_greets_all_participants_and_bus_time_never_decreases(
     table: Participants, announce
 ) -> None:
     table.announced(announce(bus_cycle=7))
@@ -61,6 +61,6 @@ def test_change_of_participants_in_cyclic_operation_is_detected_once(
     assert table.announced(announce(occasion=occasion, instance='i3'))
 
 
-def test_the_planner_takes_no_part_in_the_bus(table: Participants, announce) -> None:
+def test_planner_is_not_a_participant_of_the_bus(table: Participants, announce) -> None:
     table.announced(announce(name='unit_robot'))
     assert table.identities == {}

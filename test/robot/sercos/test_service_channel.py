@@ -87,7 +87,7 @@ def test_idle_channel_is_silent_on_both_sides():
 @pytest.mark.parametrize(
     ('there', 'back', 'cycles', 'opening'), [(1, 1, 10, 2), (1, 2, 11, 3), (1, 8, 17, 9), (8, 8, 24, 16)]
 )
-def test_an_access_takes_ten_cycles_and_what_the_latency_adds(there, back, cycles, opening):
+def test_service_access_takes_ten_cycles_plus_the_latency(there, back, cycles, opening):
     ring = Ring(Memory(), there, back)
     _, first = ring.access(Access(KV, Operation.WRITE, 60.0))
     assert first == cycles + opening
@@ -148,7 +148,7 @@ def test_a_lost_telegram_costs_one_turn_of_the_portions_at_most():
     st.integers(20, ANSWER_CYCLES_MAX),
 )
 @settings(max_examples=examples(500))
-def test_whatever_gets_lost_every_access_ends_with_its_own_value_or_an_error(
+def test_every_access_ends_with_its_own_value_or_an_error_under_any_losses(
     accesses, there, back, happens, outages, cycles_max
 ):
     # each access has its own IDN, and each IDN its own value
@@ -221,7 +221,7 @@ def test_a_drive_that_starts_anew_in_the_middle_answers_truly(cycle):
 
 
 @pytest.mark.parametrize('cycle', range(40))
-def test_a_controller_that_starts_anew_never_takes_an_old_answer(cycle):
+def test_restarted_controller_never_accepts_an_old_answer(cycle):
     memory = Memory()
     memory.values = {KV: 1.0, K_I: 2.0}
     ring = Ring(memory, 2, 2)

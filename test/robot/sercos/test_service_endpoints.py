@@ -118,7 +118,7 @@ def test_an_answer_from_before_closing_is_not_taken_for_a_new_one():
         None,
     ],
 )
-def test_what_cannot_be_put_into_words_is_rejected(access):
+def test_access_that_does_not_fit_service_words_is_rejected(access):
     master = ServiceMaster()
     with pytest.raises(TelegramError, match='is not a '):
         master.request(access)

@@ -12,7 +12,7 @@ from thoroughness import examples
 
 @given(st.lists(st.one_of(WORDS, st.integers(-10, 2**70)), max_size=200))
 @settings(max_examples=examples(300))
-def test_garbage_neither_raises_nor_calls_the_drive_with_anything_but_a_well_formed_access(words):
+def test_invalid_words_raise_no_error_and_reach_the_drive_only_as_well_formed_accesses(words):
     memory = Memory()  # asserts the operation
     slave = ServiceSlave(memory)
     for word in words:

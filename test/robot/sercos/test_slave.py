@@ -123,7 +123,7 @@ def live(slave: BusSlave, happening: Any) -> list[Any]:
 
 
 @given(HAPPENINGS)
-def test_whatever_happens_a_slave_has_a_session_exactly_while_it_is_not_out(happenings: list[Any]) -> None:
+def test_slave_has_a_session_exactly_while_it_is_not_out(happenings: list[Any]) -> None:
     slave = BusSlave()
     for happening in happenings:
         live(slave, happening)
@@ -133,7 +133,7 @@ def test_whatever_happens_a_slave_has_a_session_exactly_while_it_is_not_out(happ
 
 
 @given(HAPPENINGS)
-def test_whatever_happens_joining_and_leaving_alternate_in_sessions_that_were_adopted(
+def test_joining_and_leaving_alternate_in_adopted_sessions_under_any_events(
     happenings: list[Any],
 ) -> None:
     slave = BusSlave()
@@ -155,7 +155,7 @@ def test_whatever_happens_joining_and_leaving_alternate_in_sessions_that_were_ad
 
 
 @given(HAPPENINGS)
-def test_whatever_has_happened_a_slave_joins_a_master_that_phases_the_bus_up(happenings: list[Any]) -> None:
+def test_slave_joins_a_master_that_phases_the_bus_up_after_any_events(happenings: list[Any]) -> None:
     slave = BusSlave()
     for happening in happenings:
         live(slave, happening)

@@ -23,7 +23,7 @@ def test_cycle_answered_after_3_ms_and_2_ms_late_is_reported():
     assert found['lateness_ms']['max'] == 2.0
 
 
-def test_each_cycle_is_answered_after_its_own_time_however_many_are_outstanding():
+def test_each_cycle_is_answered_after_its_own_time_with_any_number_outstanding():
     statistics = BusStatistics(4)
     sent = {0: 0, 1: 1 * MS, 2: 5 * MS, 3: 6 * MS}
     for cycle, now in sent.items():

@@ -80,6 +80,6 @@ def test_a_header_is_read_from_any_message_that_begins_with_one():
 
 
 @pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0' + bytes(8) + b'\2\0\0\0\xff\0'])
-def test_what_has_no_header_is_rejected(data):
+def test_data_without_a_header_is_rejected(data):
     with pytest.raises(TelegramError, match='no header'):
         read_header(data)

@@ -52,7 +52,7 @@ def test_at_frames_of_another_form_are_rejected(frame: bytes) -> None:
         lambda: telegrams.require_session(OTHERS, OURS),
     ],
 )
-def test_what_belongs_to_another_session_is_rejected_by_both_names(parse: Callable[[], object]) -> None:
+def test_telegram_of_another_session_is_rejected_with_both_names(parse: Callable[[], object]) -> None:
     with pytest.raises(TelegramError, match="belongs to session '3faa', but this one is 3fa9"):
         parse()
 
@@ -64,7 +64,7 @@ def test_sessions_are_drawn_anew_and_never_the_reserved_one() -> None:
     assert {len(session) for session in drawn} == {telegrams.SHAFTS.frame_length}
 
 
-def test_frames_hold_what_they_were_made_of() -> None:
+def test_frames_keep_their_definition() -> None:
     mdt = telegrams.mdt_frame(4, 0xE000, 0.5, OURS, (1, 2, 0x9FFF), 0x81)
     assert telegrams.parse_outputs(mdt, OURS) == 0x81
     assert len(mdt) == telegrams.MDT.frame_length
@@ -89,7 +89,7 @@ def test_frames_read_as_the_documentation_writes_them() -> None:
 
 
 @pytest.mark.parametrize('payload', ['-0.1', f'{1.01 * PAYLOAD_MAX_KG:.4f}', 'nan', 'inf'])
-def test_a_payload_that_nothing_can_grip_is_rejected(payload: str) -> None:
+def test_payload_without_a_gripper_is_rejected(payload: str) -> None:
     with pytest.raises(TelegramError, match='of a motor current is not'):
         telegrams.parse_current_frame(f'free {payload} 3fa9'.encode(), OURS)
     with pytest.raises(TelegramError, match='of an MDT is not'):

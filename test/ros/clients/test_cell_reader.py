@@ -86,7 +86,7 @@ def numbers(reader: CellReader) -> list[int]:
     return [] if found is None else [part.number for part in found.parts]
 
 
-def test_a_view_that_joins_late_knows_the_cell_and_its_parts(graph: Any, plant: Plant) -> None:
+def test_late_view_receives_the_cell_and_its_parts(graph: Any, plant: Plant) -> None:
     plant.scene.publish(scene())
     for number in range(120):
         plant.parts.publish(parts(number))
@@ -96,7 +96,9 @@ def test_a_view_that_joins_late_knows_the_cell_and_its_parts(graph: Any, plant: 
     assert [thing.name for thing in late.now.things] == ['line']
 
 
-def test_parts_ride_with_what_the_newest_message_counts(graph: Any, plant: Plant, reader: CellReader) -> None:
+def test_parts_move_with_the_encoder_count_of_the_newest_message(
+    graph: Any, plant: Plant, reader: CellReader
+) -> None:
     plant.scene.publish(scene())
     plant.parts.publish(parts(0))
     looked(graph, reader, lambda: numbers(reader), 'the part')
@@ -159,7 +161,7 @@ def test_cell_descriptions_of_other_publishers_are_ignored(
     assert reader.inputs == ()
 
 
-def test_the_cell_goes_with_its_robot_and_the_next_one_has_its_own(
+def test_cell_is_removed_with_its_robot_and_the_next_robot_has_its_own(
     graph: Any, plant: Plant, reader: CellReader
 ) -> None:
     plant.scene.publish(scene())

@@ -217,7 +217,7 @@ def cell(robot: Parameters, monkeypatch: pytest.MonkeyPatch) -> Cell:
     return made
 
 
-def test_a_jog_moves_while_its_button_is_held_and_stops_when_it_is_let_go(cell: Cell) -> None:
+def test_jog_moves_while_its_button_is_held_and_stops_on_release(cell: Cell) -> None:
     cell.hold(0.5, 2.0)
     moving = []
     cell.at(1.5, lambda: moving.append(cell.state))
@@ -313,7 +313,7 @@ def test_lost_abort_of_another_client_does_not_keep_a_jog_running(cell: Cell) ->
     assert cell.state == 'idle'
 
 
-def test_a_robot_that_cannot_be_reached_is_not_asked_for_ever(cell: Cell) -> None:
+def test_unreachable_robot_is_queried_for_a_limited_time(cell: Cell) -> None:
     cell.takes_s['abort'] = [float('inf')] * 100
     cell.takes_s['deaf'] = [1.0]
     cell.hold(0.5, 2.0)
@@ -342,7 +342,7 @@ def test_line_that_could_not_start_is_not_left_for_the_next_start(cell: Cell) ->
 
 
 @pytest.mark.parametrize('action', ['start', 'jog'])
-def test_the_end_of_the_page_stops_what_was_about_to_start(cell: Cell, action: str) -> None:
+def test_end_of_the_page_stops_pending_starts(cell: Cell, action: str) -> None:
     cell.queue.moves = 0 if action == 'jog' else 1
     cell.takes_s['start'] = [1.0]
     cell.late.add('start')
@@ -374,7 +374,7 @@ def test_only_the_newest_override_that_waits_counts(cell: Cell) -> None:
     assert [name for name, _ in cell.asked if name.startswith('override')] == ['override 70']
 
 
-def test_the_slider_goes_back_when_an_override_is_rejected(cell: Cell) -> None:
+def test_slider_returns_after_a_rejected_override(cell: Cell) -> None:
     cell.refuses.add('override 150')
     cell.click(0.5, 'override', '90')
     cell.run(1.0)
@@ -410,7 +410,7 @@ def test_a_page_can_name_no_file_of_this_machine(cell: Cell, text: str) -> None:
         *(('scope', ''), ('scope', '[]'), ('scope', '{"channels": 3}'), ('scope', '[' * 100_000)),
     ],
 )
-def test_whatever_a_page_asks_for_does_not_end_the_view(cell: Cell, action: str, text: str) -> None:
+def test_arbitrary_page_request_does_not_end_the_view(cell: Cell, action: str, text: str) -> None:
     cell.click(0.5, action, text)
     cell.run(1.0)
     assert cell.now >= 1.0
@@ -429,7 +429,7 @@ def test_input_is_set_without_control_and_a_rejection_is_reported(cell: Cell) ->
     assert control == [False]
 
 
-def test_the_cell_is_drawn_once_when_it_is_known_and_again_when_it_is_another_one(cell: Cell) -> None:
+def test_cell_is_drawn_once_and_again_after_a_change(cell: Cell) -> None:
     def known(*things: str) -> None:
         cell.cell.now = SimpleNamespace(things=things, changes=cell.cell.now.changes + 1)
 
@@ -439,7 +439,7 @@ def test_the_cell_is_drawn_once_when_it_is_known_and_again_when_it_is_another_on
     assert cell.stood == [('belt',), ('belt', 'box')]
 
 
-def test_page_that_lost_its_robot_rejoins_and_sends_nothing_before(cell: Cell) -> None:
+def test_page_that_lost_its_robot_sends_no_requests_before_it_rejoins(cell: Cell) -> None:
     cell.at(5.0, lambda: setattr(cell, 'silent', True))
     cell.click(24.99, 'start')
     cell.run(OVER_S)

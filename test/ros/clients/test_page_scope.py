@@ -56,7 +56,7 @@ def page(graph: Any) -> Watching:
     return Watching(graph)
 
 
-def test_what_is_drawn_are_the_samples_of_the_simulation(graph: Any, page: Watching) -> None:
+def test_drawn_samples_are_those_of_the_simulation(graph: Any, page: Watching) -> None:
     graph.robot(('plant', '1', '2', '3'))
     page.begin('axis1.current_reference, axis2.voltage, axis3.position')
     page.until_told('recording')  # before bus time begins

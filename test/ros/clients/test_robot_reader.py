@@ -218,7 +218,7 @@ def test_the_tcp_error_and_the_overload_are_those_that_the_robot_publishes(
     assert told[0].cell is None
 
 
-def test_a_robot_is_given_more_time_for_an_answer_each_time_that_it_is_asked(graph: Any) -> None:
+def test_time_for_a_reply_grows_with_each_repeated_request(graph: Any) -> None:
     """A busy one that needs longer than a fixed time for each would never be heard."""
     told = RemoteParameters(graph.listener)
     assert not told.ask_until_received(0.0)  # nobody is there

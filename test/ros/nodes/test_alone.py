@@ -116,7 +116,7 @@ def test_drive_without_an_axis_is_rejected(graph: Any) -> None:
 
 
 @pytest.mark.parametrize(('control', 'cycles'), [(NO_POWER, 3), (STOP, 400)])
-def test_a_drive_obeys_bit_15_at_once_and_bit_14_after_a_stop(
+def test_drive_executes_bit_15_immediately_and_bit_14_after_a_stop(
     control: int, cycles: int, drive: Drive
 ) -> None:
     assert drive.go(ENABLING_CYCLES, ON) == ENABLED

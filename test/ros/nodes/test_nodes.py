@@ -95,7 +95,7 @@ def test_every_parameter_has_text_and_type_and_is_fixed_at_start(kind: type[Node
     assert not result.successful
 
 
-def test_a_node_shows_its_own_parameters_and_together_they_show_all() -> None:
+def test_each_node_shows_its_own_parameters_and_all_nodes_show_all() -> None:
     everything = set(flatten(load(), absent=True))
     shown = {kind: {name for name in everything if shows(kind, name)} for kind in SHOWN}
     assert set().union(*shown.values()) == everything

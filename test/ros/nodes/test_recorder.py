@@ -150,9 +150,7 @@ def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constan
     }
 
 
-def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_for(
-    tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_robot_of_the_requested_namespace_is_recorded(tmp_path: Path, monkeypatch: Any) -> None:
     def built(factories: Any, arguments: list[str], **_: Any) -> int:
         rclpy.init(args=arguments)
         try:
@@ -330,7 +328,7 @@ def test_late_plan_precedes_its_results_in_the_bag(graph: Any, tmp_path: Path) -
     assert '/motion/master' in topics
 
 
-def test_what_was_recorded_reaches_the_file_of_a_bag_that_stays_open(graph: Any, tmp_path: Path) -> None:
+def test_recorded_messages_reach_the_file_of_an_open_bag(graph: Any, tmp_path: Path) -> None:
     studio = Studio(graph, tmp_path / 'bag')
     studio.say(0)
     graph.spin_until(lambda: studio.counts()[0] == 1, 'a message')

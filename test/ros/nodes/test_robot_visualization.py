@@ -138,7 +138,7 @@ def test_placed_part_is_no_longer_shown(shown: Shown) -> None:
     shown.graph.listener.destroy_publisher(outputs)
 
 
-def test_published_cell_is_shown_with_its_parts_until_it_is_gone(shown: Shown) -> None:
+def test_published_cell_is_shown_with_its_parts_until_its_removal(shown: Shown) -> None:
     listener = shown.graph.listener
     scene, told = SCENE.publisher(listener), PARTS.publisher(listener)
     belt = {'kind': 'belt', 'name': 'line', 'at_m': [0, 0, -0.9], 'angle_rad': 0, 'size_m': [1, 0.3]}

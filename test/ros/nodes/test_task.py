@@ -147,7 +147,7 @@ SESSION = b'3fa9'
 BURST = 40  # AT, fewer than a queue holds
 
 
-def test_a_polled_at_has_arrived_when_it_came_and_all_that_wait_are_read_at_a_look(graph: Any) -> None:
+def test_polled_at_keeps_its_arrival_time_and_one_poll_reads_all_waiting_ones(graph: Any) -> None:
     node = graph.add(PollingNode, 'master')
     taken: list[tuple[int, int, Any, int]] = []
     statistics = BusStatistics(16)

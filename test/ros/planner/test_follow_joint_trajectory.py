@@ -125,7 +125,7 @@ def services(graph: Any) -> list[str]:
 
 
 @pytest.mark.skipif(action_type() is not None, reason='control_msgs is installed: the action is there')
-def test_without_control_msgs_everything_but_the_action_is_there(graph: Any) -> None:
+def test_without_control_msgs_only_the_action_is_missing(graph: Any) -> None:
     cell = Cell(graph)
     assert cell.send(message((0.5, still(0.1)))).startswith('accepted')
     assert not [name for name in services(graph) if 'follow_joint_trajectory' in name]

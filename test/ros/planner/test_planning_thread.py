@@ -79,7 +79,7 @@ def test_job_after_a_cancelled_one_is_pending_when_the_cancellation_is_reported(
     assert not thread.busy
 
 
-def test_progress_reports_the_share_of_a_job_and_nothing_without_one(thread: PlanningThread) -> None:
+def test_progress_reports_the_share_of_a_job_and_is_empty_without_one(thread: PlanningThread) -> None:
     assert thread.progress() == ''
     thread.begin(job(1, many(50)))
     seen = set()
@@ -90,7 +90,7 @@ def test_progress_reports_the_share_of_a_job_and_nothing_without_one(thread: Pla
     assert thread.progress() == ''
 
 
-def test_whatever_goes_wrong_in_a_job_is_its_result(
+def test_exception_in_a_job_is_its_result(
     thread: PlanningThread, complaints: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:

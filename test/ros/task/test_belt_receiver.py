@@ -103,7 +103,7 @@ def test_invalid_belt_telegram_is_rejected_by_name(data, sentence):
     assert sentence in refused
 
 
-def test_without_a_session_nothing_is_taken():
+def test_telegrams_without_a_session_are_ignored():
     receiver = Receiver(session=b'0000')
     receiver.hear(message(frame='0000'))
     assert (receiver.taken, receiver.refused) == ([], [])

@@ -23,7 +23,7 @@ PLACES = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 PROFILES = 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'
 
 
-def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+def test_unwritable_log_folder_is_named(tmp_path, monkeypatch):
     (tmp_path / 'file').touch()
     for folder in (tmp_path / 'file', tmp_path / 'file' / 'log'):
         monkeypatch.setenv('ROS_LOG_DIR', str(folder))
@@ -35,7 +35,7 @@ def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.getuid() == 0, reason='root may write everywhere')
-def test_logs_go_elsewhere_if_the_folder_at_home_is_read_only(tmp_path, monkeypatch):
+def test_logs_are_written_to_another_folder_if_that_at_home_is_read_only(tmp_path, monkeypatch):
     (tmp_path / '.ros' / 'log').mkdir(parents=True)
     (tmp_path / '.ros' / 'log').chmod(0o555)
     monkeypatch.setenv('HOME', str(tmp_path))
@@ -55,7 +55,7 @@ def test_node_starts_without_a_home_folder(home, tmp_path):
     assert list(tmp_path.glob('delta3_pacdrive_*/log/*.log'))
 
 
-def test_a_folder_that_is_asked_for_stays(monkeypatch, tmp_path):
+def test_requested_folder_is_kept(monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
     monkeypatch.setenv(discovery.RANGE, 'SUBNET')
     discovery.keep_to_this_machine()
@@ -91,7 +91,7 @@ signal.pause()
 """
 
 
-def test_a_killed_process_that_is_disposed_of_leaves_the_domain_at_once_and_others_stay(graph):
+def test_killed_process_leaves_the_domain_immediately_after_disposal_and_others_stay(graph):
     from delta3_pacdrive.ros.wire import domain
 
     def prefixes():
@@ -172,7 +172,7 @@ def test_route_to_this_machine_begins_here():
     assert discovery.way_to('127.0.0.1') == '127.0.0.1'
 
 
-def test_a_folder_that_others_can_write_takes_no_profile(alone, monkeypatch):
+def test_folder_writable_by_other_users_receives_no_profile(alone, monkeypatch):
     folder = alone / f'delta3_pacdrive_{os.getuid()}' / 'network'
     folder.mkdir(parents=True, mode=0o700)
     folder.chmod(0o777)

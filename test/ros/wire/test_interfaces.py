@@ -207,7 +207,7 @@ def test_a_telegram_of_the_table_is_a_message_of_its_type_and_topic() -> None:
             )
 
 
-def test_a_topic_of_what_answers_give_has_room_for_all_of_it_in_every_cycle() -> None:
+def test_topics_of_replies_hold_all_values_of_a_cycle() -> None:
     assert len({topic.answer for topic in ANSWER_TOPICS}) == len(ANSWER_TOPICS) >= 4
     for topic in ANSWER_TOPICS:
         (telegram,) = topic.telegrams
@@ -227,7 +227,7 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
     }
 
 
-def test_a_name_with_axis_n_stands_for_one_topic_per_axis() -> None:
+def test_name_with_axis_n_expands_to_one_topic_per_axis() -> None:
     topic = next(topic for topic in TOPICS if topic.name == 'sercos/at/axisN')
     assert isinstance(topic, Topic)
     for axes in (DRIVES, ALL_DRIVES[:4], ALL_DRIVES):
@@ -241,12 +241,12 @@ def test_only_a_robot_with_a_rotary_axis_reports_a_tool_angle() -> None:
     assert [topic.names_of(ALL_DRIVES[:4]) for topic in of_rotary_axes] == [('tool/turn',), ()]
 
 
-def test_any_client_may_ask_for_reliable_delivery_of_any_topic() -> None:
+def test_any_client_may_request_reliable_delivery_of_any_topic() -> None:
     for topic in TOPICS:
         assert topic.delivery.publisher.reliability == ReliabilityPolicy.RELIABLE, topic.name
 
 
-def test_no_reader_asks_for_what_the_writer_does_not_offer() -> None:
+def test_every_reader_requests_a_qos_that_the_writer_offers() -> None:
     for topic in TOPICS:
         offered = topic.delivery.publisher
         for asked in (topic.delivery.subscription, topic.delivery.recorder, topic.delivery.view):

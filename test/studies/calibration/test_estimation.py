@@ -88,7 +88,7 @@ def test_corrections_are_written_in_the_units_of_the_parameters(robot):
     assert model.corrections_of(changed.kinematics) == pytest.approx(TRUTH, abs=1e-9)
 
 
-def test_instrument_at_any_position_identifies_everything_but_a_common_rotation(poses, robot):
+def test_instrument_at_any_position_identifies_all_but_a_common_rotation(poses, robot):
     measured = instrument(poses, robot, noise_m=0.0)
     seen = Rotation.from_rotvec([0.3, -0.5, 1.0]).apply(measured.points_m) + np.array([1.0, -2.0, 0.5])
     found = estimation.estimate(

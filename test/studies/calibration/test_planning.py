@@ -42,7 +42,7 @@ def test_more_poses_and_less_noise_make_the_tcp_more_certain(robot):
 
 
 @pytest.mark.parametrize(('method', 'number'), METHODS)
-def test_as_many_poses_as_asked_for_all_within_the_limits_and_drivable(method, number, robot):
+def test_requested_number_of_poses_is_planned_within_the_limits(method, number, robot):
     poses = planned(robot, method, number)
     assert (~poses.checks).sum() == number
     assert poses.checks.sum() == 8
@@ -84,7 +84,7 @@ def test_three_touches_identify_each_zero_angle_separately(robot):
         ('plane', 12, 0, '12 poses are too few for the method plane, at least 20 are needed'),
     ],
 )
-def test_numbers_of_poses_that_cannot_be_are_rejected(method, number, checks, sentence, robot):
+def test_impossible_numbers_of_poses_are_rejected(method, number, checks, sentence, robot):
     with pytest.raises(CalibrationError, match=sentence):
         planned(robot, method, number, checks)
 

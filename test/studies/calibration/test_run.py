@@ -67,7 +67,7 @@ def test_limiting_quantity_is_reported(summary):
     assert GOAL_M < left(summary, 'true TCP over the whole')['after_rms_m'] < backlash
 
 
-def test_every_interval_holds_what_was_built(summary):
+def test_every_interval_contains_the_built_value(summary):
     for figure in summary['figures']:
         assert abs(figure['value'] - figure['truth']) < figure['half_width_95'], figure['symbol']
 
@@ -81,7 +81,7 @@ def test_the_head_of_the_parameter_file_gives_each_correction_and_its_interval_i
         assert any(words in line and f' {unit}' in line for line in lines)
 
 
-def test_intervals_hold_what_was_built_whatever_the_noise_is():
+def test_intervals_contain_the_built_values_at_any_noise():
     robot = parameters.load('rich')
     poses = planned(robot)
     exact = simulated.points(poses, robot, Method.BASE, 0.0, 0)
@@ -100,7 +100,7 @@ def test_intervals_hold_what_was_built_whatever_the_noise_is():
     assert max(off) < GOAL_M
 
 
-def test_every_command_takes_the_parameter_file(calibrated, summary, robot):
+def test_every_command_accepts_a_parameter_file(calibrated, summary, robot):
     program = programs.load('experiment1', robot.motion)
     errors = []
     for one in (parameters.load('rich'), calibrated):

@@ -154,7 +154,7 @@ def test_the_story_of_a_log_ends_with_a_model_that_is_nearer(applied):
 
 
 @pytest.mark.long
-def test_a_nominal_model_does_not_explain_a_built_robot_and_what_it_lacks_is_named(applied):
+def test_nominal_model_does_not_explain_a_built_robot_and_missing_effects_are_named(applied):
     _, report, statuses = applied
     assert report['model_holds'] is False
     assert report['verdict'][0] == 'THE MODEL DOES NOT EXPLAIN THE DATA'
@@ -195,7 +195,7 @@ def test_applied_result_is_a_parameter_file_with_source_and_interval_of_each_val
 
 
 @pytest.mark.long
-def test_what_is_applied_brings_the_model_to_the_robot(applied):
+def test_applied_estimates_bring_the_model_closer_to_the_robot(applied):
     folder, report, _ = applied
     (row,) = report['applied']['before_after']
     assert row['rms']['tcp_error_norm_m']['factor'] > 3.0

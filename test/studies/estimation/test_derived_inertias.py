@@ -118,7 +118,7 @@ def test_joined_files_become_one_complete_file(other, tmp_path, capsys):
     assert all(one.fits for one in derived_inertias(parameters.load(new)))
 
 
-def test_nothing_but_a_parameter_file_has_inertias_to_derive(tmp_path, capsys):
+def test_only_a_parameter_file_has_derivable_inertias(tmp_path, capsys):
     new = tmp_path / 'new.yaml'
     assert check.main(['packaging', '--derive', str(new)]) == 1
     assert '--derive requires a parameter file, but packaging is a program file' in capsys.readouterr().err

@@ -74,7 +74,7 @@ def test_without_noise_every_identifiable_quantity_is_found_from_30_percent_off(
     assert max(map(abs, errors(found, robot).values())) < EXACT
 
 
-def test_what_was_weighed_makes_the_other_masses_identifiable(scope, robot):
+def test_known_masses_make_the_others_identifiable(scope, robot):
     problem = problem_of('masses', scope, robot, known=['m_fb', 'm_payload'])
     found = estimate_from(problem, robot, 0.3)
     assert shown(found).keys() == {'m_b', 'm_c', 'm_n', 'F_v', 'F_s'}
@@ -167,7 +167,7 @@ def test_samples_once_per_cycle_catch_the_ripple_and_look_like_another_inertia(b
     assert abs(errors(found, robot)['I_b']) > 0.05
 
 
-def test_a_replay_takes_single_masses_that_no_robot_has_if_their_sums_are_right(bus, robot):
+def test_replay_accepts_unphysical_single_masses_with_correct_sums(bus, robot):
     model, true = ReplayModel(bus, robot), values_of(robot)
     other = true | {'m_n': true['m_n'] + true['m_payload'] + 0.1, 'm_payload': -0.1}
     difference = model.residuals(other)[0] - model.residuals(true)[0]

@@ -13,7 +13,7 @@ from delta3_pacdrive.studies.estimation import excitation, measurement
 # measurement
 
 
-def test_the_oscilloscope_sees_the_simulation_to_the_last_bit(program, scope, robot):
+def test_oscilloscope_has_the_bits_of_the_simulation(program, scope, robot):
     exact = simulation.run(program, robot.replace(bus__exchange_period_s=125e-6))
     cycles = len(exact.time_s)
     for name in ('shaft_position', 'shaft_speed'):
@@ -29,7 +29,7 @@ def test_current_and_voltage_obey_the_winding(scope, robot):
     assert np.abs((final + (current - final) * decay)[:-1] - current[1:]).max() < 1e-12
 
 
-def test_same_seed_gives_the_same_noise_and_zero_gives_none(bus, robot):
+def test_same_seed_gives_the_same_noise_and_amplitude_zero_no_noise(bus, robot):
     one, again, other = (measurement.with_noise(bus, robot, 1.0, seed) for seed in (3, 3, 4))
     assert one['current'].tobytes() == again['current'].tobytes() != other['current'].tobytes()
     assert np.std(one['current'] - bus['current']) == pytest.approx(measurement.NOISE.current_a, rel=0.05)

@@ -69,7 +69,7 @@ def test_estimation_does_not_continue_with_other_inputs(bus, tmp_path):
         Study.resumed(tmp_path, 'test', quiet)
 
 
-def test_the_command_writes_what_repeats_it(bus, tmp_path, capsys, drawn):
+def test_command_writes_its_own_reproduction_command(bus, tmp_path, capsys, drawn):
     trace, folder = tmp_path / 'measured.csv', tmp_path / 'out'
     trace_csv.write(bus, trace)
     arguments = [str(trace), '--group', 'geometry', '--start-off', '0.3', '--output', str(folder), '--json']
@@ -93,7 +93,7 @@ def test_the_command_writes_what_repeats_it(bus, tmp_path, capsys, drawn):
         assert b'versions' in data[:4000]
 
 
-def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, capsys):
+def test_unsuitable_input_of_an_estimation_gives_one_message(bus, scope, tmp_path, capsys):
     def cut(trace, *names):
         path = tmp_path / f'without_{"_".join(names)}.npz'
         Trace(trace.time_s, {k: v for k, v in trace.signals.items() if k not in names}, trace.meta).save(path)
@@ -144,14 +144,14 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         (['x', '--resume', 'y'], '--resume uses the inputs'),
     ],
 )
-def test_options_out_of_range_are_rejected_before_anything_runs(arguments, sentence, capsys):
+def test_options_out_of_range_are_rejected_before_the_run(arguments, sentence, capsys):
     with pytest.raises(SystemExit) as caught:
         estimate.main(arguments)
     assert caught.value.code == 2
     assert sentence in capsys.readouterr().err
 
 
-def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
+def test_unreadable_input_keeps_an_earlier_estimation(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
     before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
@@ -312,6 +312,6 @@ def test_design_of_the_documentation_runs_unchanged_with_few_curves(tmp_path, de
         (['--resume', 'folder', '--noise', '2'], 'the settings of the folder: --noise would'),
     ],
 )
-def test_an_option_that_would_change_nothing_is_rejected(arguments, sentence, capsys):
+def test_option_without_effect_is_rejected(arguments, sentence, capsys):
     assert estimate.main(arguments) == 1
     assert sentence in capsys.readouterr().err

@@ -62,7 +62,7 @@ class Outer:
 CASE = Case(Kind.FAST, 2.5e-3, np.array([1.0, 2.0, np.nan]), {'speed': 0.5}, 0.0123456, [1.25, 2.0, 0.5])
 
 
-def test_json_has_the_fields_without_those_declared_hidden_and_none_for_numbers_that_are_not_finite():
+def test_json_omits_hidden_fields_and_has_null_for_numbers_that_are_not_finite():
     assert to_dict([CASE]) == [
         {
             'kind': 'fast',

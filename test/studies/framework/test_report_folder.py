@@ -62,7 +62,7 @@ def page(left):
     return Page((left[0] / 'index.html').read_text(encoding='utf-8'))
 
 
-def test_the_page_holds_every_file_itself(left, page):
+def test_page_embeds_every_file(left, page):
     assert page.open == []
     held = {base64.b64decode(link.partition('base64,')[2]) for link in page.links}
     names = {path.name for path in left[0].iterdir()} - {'index.html'}
@@ -98,7 +98,7 @@ def test_the_page_shows_short_tables_whole_and_the_begin_of_long_ones(page):
     assert '12' not in page.texts
 
 
-def test_the_summary_names_all_files_itself_and_the_page_first(left):
+def test_summary_names_all_files_including_itself_with_the_page_first(left):
     folder, document = left
     assert json.loads((folder / 'report.json').read_text()) == document
     names = [path.rpartition('/')[2] for path in document['files']]
@@ -115,14 +115,14 @@ def test_missing_value_is_an_empty_cell_and_every_file_names_its_origin(left):
     assert unescape((folder / 'index.html').read_text()).count(ORIGIN.command) == 1
 
 
-def test_clearing_removes_what_looks_complete_and_nothing_else(left):
+def test_clearing_removes_only_complete_files(left):
     folder, _ = left
     (folder / 'mine.txt').write_text('mine')
     ReportFolder(folder, ORIGIN).clear(['*.png', 'short.csv'])
     assert {path.name for path in folder.iterdir()} == {'long.csv', 'mine.txt'}
 
 
-def test_a_folder_that_cannot_be_written_gets_one_sentence(tmp_path):
+def test_unwritable_folder_is_rejected_with_one_message(tmp_path):
     (tmp_path / 'file').write_text('')
     folder = ReportFolder(tmp_path / 'file', ORIGIN)
     with pytest.raises(ReportError, match=r'^cannot write to .*file: File exists$'):

@@ -165,7 +165,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_the_folder_holds_what_was_learned_and_a_simulation_follows_it(folder, model, tmp_path, capsys):
+def test_folder_contains_the_learned_torques_and_a_simulation_uses_them(folder, model, tmp_path, capsys):
     document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
     names = {path.name for path in folder.iterdir()}
     assert names >= {
@@ -207,7 +207,7 @@ def interrupted_in(repetition, tmp_path):
     return learning
 
 
-def test_an_interruption_keeps_what_is_learned_so_far(model, tmp_path):
+def test_interruption_keeps_the_torques_learned_so_far(model, tmp_path):
     (tmp_path / 'report.json').write_text('old')
     learning = interrupted_in(3, tmp_path)
     assert learning.kept == 2
@@ -218,7 +218,7 @@ def test_an_interruption_keeps_what_is_learned_so_far(model, tmp_path):
     assert trace.meta['figures']['tcp_error_max_m'] < 0.4 * 0.0073e-3
 
 
-def test_an_interruption_before_anything_is_learned_leaves_what_was_there(tmp_path):
+def test_interruption_before_the_first_repetition_keeps_earlier_files(tmp_path):
     (tmp_path / 'learned.npz').write_text('old')
     learning = interrupted_in(1, tmp_path)
     assert learning.kept == 0
@@ -244,7 +244,7 @@ def test_command_explains_the_result_of_an_interruption(kept, sentence, tmp_path
     assert line.endswith('learned.npz' if kept else 'written')
 
 
-def test_the_machine_has_the_drives_that_the_controller_takes_it_to_have(tmp_path, monkeypatch):
+def test_machine_has_the_drives_that_the_controller_assumes(tmp_path, monkeypatch):
     """A file of differences, such as that of the built robot, differs from the same file for both."""
     asked = []
 
@@ -259,7 +259,7 @@ def test_the_machine_has_the_drives_that_the_controller_takes_it_to_have(tmp_pat
     assert (learning.machine.rich.enabled, learning.robot.rich.enabled) == (True, False)
 
 
-def test_program_at_rest_teaches_nothing_and_leaves_no_torques(tmp_path):
+def test_program_at_rest_gives_no_learned_torques(tmp_path):
     program = tmp_path / 'program.yaml'
     program.write_text(json.dumps({'start_m': [0.0, 0.0, -0.75], 'moves': [{'dwell': {'time_s': 0.3}}]}))
     (tmp_path / 'learned.npz').write_text('old')
@@ -278,7 +278,7 @@ def test_program_at_rest_teaches_nothing_and_leaves_no_torques(tmp_path):
     ],
     ids=['another program', 'other parameters'],
 )
-def test_a_simulation_of_anything_else_is_rejected(arguments, sentence, folder, capsys):
+def test_simulation_of_other_content_is_rejected(arguments, sentence, folder, capsys):
     assert main(['simulate', *arguments, '--learned', str(folder / 'learned.npz')]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f'error: the learned torques of {folder / "learned.npz"} do not fit: {sentence}')

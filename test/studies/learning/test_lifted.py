@@ -62,7 +62,7 @@ def test_the_update_makes_the_norm_of_the_next_repetition_least_and_is_smoothed(
     np.testing.assert_allclose(found, low_pass(bandwidth_hz) @ least, rtol=1e-7, atol=1e-9)
 
 
-def test_errors_that_the_model_explains_are_gone_after_a_few_repetitions():
+def test_errors_explained_by_the_model_vanish_after_a_few_repetitions():
     wanted = np.sin(np.linspace(0.0, 6.0 * np.pi, CYCLES)) ** 3
     disturbed = lifted(RESPONSE) @ wanted
     learning, torques, sizes = axis(), np.zeros(CYCLES), []
@@ -75,7 +75,7 @@ def test_errors_that_the_model_explains_are_gone_after_a_few_repetitions():
 
 
 @pytest.mark.parametrize('gain', [0.6, 1.0, 1.4, 1.9, 2.5])
-def test_the_criterion_bounds_what_a_repetition_leaves_of_any_torque(gain):
+def test_criterion_bounds_the_remainder_of_any_torque_after_a_repetition(gain):
     """The lifted system of a robot with another gain shrinks every torque at least as much."""
     learning = axis()
     robot = np.zeros((len(RESPONSE), 3, 3))

@@ -111,7 +111,7 @@ def test_a_part_is_drawn_where_it_is(visit, run):
 
 
 @pytest.mark.long
-def test_marks_go_with_the_belt(visit):
+def test_marks_move_with_the_belt(visit):
     visit.page.evaluate(NO_PARTS)
     pictures = []
     for time_s in (0.9, 0.9 + MARKS_M / BELT_M_S, 0.9 + 0.5 * MARKS_M / BELT_M_S):
@@ -127,7 +127,7 @@ def test_marks_go_with_the_belt(visit):
 
 
 @pytest.mark.long
-def test_a_part_in_hand_takes_the_place_of_the_payload(opened, run, browser, tmp_path):
+def test_gripped_part_replaces_the_payload(opened, run, browser, tmp_path):
     page.write(tmp_path / 'bare.html', [replace(run, cell=None)], Provenance.of('test'))
     with Visit(browser, (tmp_path / 'bare.html').as_uri()) as bare:
         bare.page.wait_for_selector(READY, state='attached')
@@ -139,7 +139,7 @@ def test_a_part_in_hand_takes_the_place_of_the_payload(opened, run, browser, tmp
         assert bare.page.get_by_label('cell').count() == 0
 
 
-def test_a_row_of_the_table_of_parts_goes_to_its_pick(opened, run):
+def test_row_of_the_table_of_parts_selects_its_pick(opened, run):
     row = opened.page.locator('#parts0 tr[data-from]').nth(1)
     assert row.locator('td').first.text_content() == '1'
     row.click()

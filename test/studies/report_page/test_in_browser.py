@@ -67,7 +67,7 @@ def tcp_at(run, time_s):
     return kinematics.forward(theta, run.robot)
 
 
-def test_page_loads_nothing_externally(visit, written):
+def test_page_loads_no_external_resources(visit, written):
     visit.page.evaluate('delta3.clock.play()')
     until(visit, 'delta3.clock.time > 0.1')
     assert visit.requests == [written[0]]
@@ -223,7 +223,7 @@ def test_to_zoom_one_plot_zooms_all_of_them(visit):
     assert visit.page.evaluate('delta3.clock.window') == whole
 
 
-def test_a_click_on_a_plot_goes_to_that_instant(visit):
+def test_click_on_a_plot_selects_that_instant(visit):
     box = visit.page.locator('.u-over').first.bounding_box()
     visit.page.mouse.click(box['x'] + 0.75 * box['width'], box['y'] + 30)
     first, last = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
@@ -276,7 +276,7 @@ def test_playback_continues_at_its_speed_and_stops_on_request(visit):
         ('Control+ArrowRight', 0.4, None),
     ],
 )
-def test_each_key_goes_by_bus_cycles_to_the_ends_or_magnifies(key, time_s, window_s, visit, one):
+def test_each_key_steps_by_bus_cycles_jumps_to_an_end_or_zooms(key, time_s, window_s, visit, one):
     # with a bus cycle of 1 ms, steps of a millisecond would pass for steps of a cycle
     visit.page.evaluate(
         'document.activeElement.blur(); delta3.clock.period = 0.002; delta3.clock.show(0.3, 0.5)'
@@ -358,7 +358,7 @@ def test_the_payload_is_drawn_while_the_robot_carries_it(visit, one):
     assert seen == [True, False]
 
 
-def test_a_click_on_a_move_of_a_shifted_run_goes_to_its_time_on_the_page(browser, written, tmp_path):
+def test_click_on_a_move_of_a_shifted_run_selects_its_time_on_the_page(browser, written, tmp_path):
     """The table has the times of its run; the page shifts the second run by 0.25 s here."""
     text = Path(written[1].removeprefix('file://')).read_text(encoding='utf-8')
     begin, _, end = text.rpartition('"shift_s":')
@@ -416,7 +416,7 @@ def test_the_page_fits_the_screen_and_is_drawn_in_both_schemes(browser, written,
         assert visit.complaints == []
 
 
-def test_a_browser_without_3d_shows_everything_else(browser, written):
+def test_browser_without_3d_shows_all_other_elements(browser, written):
     with Visit(browser, 'about:blank') as visit:
         visit.page.add_init_script('HTMLCanvasElement.prototype.getContext = (get => function (kind, ...more) {'
             ' return kind.startsWith("webgl") ? null : get.call(this, kind, ...more) })'
@@ -456,7 +456,7 @@ def test_each_speed_of_the_list_is_that_of_the_clock(visit):
         assert visit.page.evaluate('delta3.clock.speed') == float(speed)
 
 
-def test_buttons_show_less_time_more_and_everything(visit):
+def test_buttons_show_less_more_and_all_of_the_time(visit):
     visit.page.evaluate('delta3.clock.show(0.3, 0.5); delta3.clock.seek(0.4)')
     whole = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
     for name, window in (('closer', [0.35, 0.45]), ('wider', [0.3, 0.5]), ('all', whole)):
@@ -496,7 +496,7 @@ def test_each_entry_of_a_legend_hides_its_curve_and_shows_it_again(visit):
     assert sum(map(len, hidden)) == len(whole)  # each curve has one entry
 
 
-def test_each_box_shows_and_hides_what_it_names_in_the_scene(visit):
+def test_each_checkbox_shows_and_hides_its_element_of_the_scene(visit):
     found = """() => ({
         ...Object.fromEntries(delta3.stage.ghosts.map(one => [one.text, one.robot.group.visible])),
         'planned path': delta3.stage.paths.filter(one => one.style.kind === 'planned').every(one => one.line.visible),
@@ -514,7 +514,7 @@ def test_each_box_shows_and_hides_what_it_names_in_the_scene(visit):
             assert visit.page.evaluate(found) == before | {name: checked}
 
 
-def test_each_block_and_mark_of_the_track_goes_to_its_time(visit, one):
+def test_each_block_and_mark_of_the_track_selects_its_time(visit, one):
     blocks = visit.page.locator('#track .move')
     assert blocks.all_text_contents() == [str(move.number) for move in one.moves]
     for block, move in zip(blocks.all(), one.moves, strict=True):
@@ -530,7 +530,7 @@ def test_each_block_and_mark_of_the_track_goes_to_its_time(visit, one):
 
 
 @pytest.mark.parametrize('way', ['click', 'Enter'])
-def test_a_row_of_the_table_of_moves_goes_to_its_move(way, visit, one):
+def test_row_of_the_table_of_moves_selects_its_move(way, visit, one):
     move = one.moves[1]
     row = visit.page.locator('tr[data-from]').nth(1)
     if way == 'click':

@@ -25,7 +25,7 @@ def test_numbers_are_restored_within_half_a_step(values, resolution):
     assert np.abs(back - values).max() <= 0.5 * document['resolution'] * ROUNDING
 
 
-def test_the_step_is_what_was_asked_for_where_32_bits_hold_the_numbers():
+def test_step_is_the_requested_one_if_32_bits_hold_the_numbers():
     assert packed(np.array([[21.0]]), 1e-8)['resolution'] == 1e-8
     assert packed(np.array([[22.0]]), 1e-8)['resolution'] == pytest.approx(22.0 / 2**31, rel=1e-5)
 
@@ -42,7 +42,7 @@ def test_a_smooth_motion_takes_less_than_a_byte_a_number():
     assert len(packed(motion, 1e-8)['data']) < motion.size
 
 
-def test_motor_positions_lose_nothing(robot):
+def test_motor_positions_are_lossless(robot):
     step = resolution_of('motor_position', 'rad', robot.bus.increments_per_rev)
     increments = np.array([[-1_350_000, 0, 7]]).T
     np.testing.assert_array_equal(unpacked(packed(increments * step, step), 3), increments * step)

@@ -128,7 +128,7 @@ def test_a_page_keeps_within_a_megabyte_and_a_tenth_of_one_for_each_second(one, 
     assert len(both.encode()) <= BASE_BYTES + BYTES_PER_S * 2.0 * length_s
 
 
-def test_a_page_is_whole_and_names_nothing_that_would_be_loaded(text, both):
+def test_page_is_complete_without_external_references(text, both):
     for whole in (text, both):
         tags = Tags(whole)
         assert tags.open == []
@@ -243,7 +243,7 @@ def test_too_many_or_too_long_runs_are_rejected_in_one_sentence(one):
         page.page([long], ORIGIN)
 
 
-def test_a_page_that_cannot_be_written_leaves_nothing_and_an_old_one_stays(one, tmp_path):
+def test_failed_write_of_a_page_leaves_no_file_and_keeps_an_old_one(one, tmp_path):
     (tmp_path / 'folder').mkdir()
     with pytest.raises(ReportError, match=r'^cannot write .*folder: '):
         page.write(tmp_path / 'folder', [one], ORIGIN)

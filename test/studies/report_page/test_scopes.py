@@ -65,7 +65,7 @@ def test_a_page_holds_each_sample_at_its_time_of_the_run(here):
 
 
 @pytest.mark.parametrize('name', ['s.csv', 's.npz', 's.parquet'])
-def test_a_trigger_is_a_mark_whatever_the_form_of_the_file(here, name):
+def test_trigger_is_a_mark_in_every_file_format(here, name):
     marks = document('--scope', name)['runs'][0]['marks']
     ((time_s, kind, _),) = [mark for mark in marks if mark[2] == f'trigger of {name}: the start of a program']
     assert kind == 'event'
@@ -89,7 +89,7 @@ def test_the_origin_names_the_files_of_records_with_their_digests(here):
     assert '; s.npz ' in origin or ', s.npz ' in origin
 
 
-def test_of_a_record_is_shown_what_is_shown_of_the_run(here, capsys):
+def test_record_is_shown_like_the_run(here, capsys):
     (record,) = document('--scope', 's.npz', '--from', '0', '--to', '0.02')['records']
     time_s, _ = signals_of(record)
     assert time_s[0] == pytest.approx(0.0, abs=1e-9)
@@ -98,7 +98,7 @@ def test_of_a_record_is_shown_what_is_shown_of_the_run(here, capsys):
     assert 's.npz is outside of the window of t.npz' in told
 
 
-def test_what_does_not_belong_to_a_run_is_rejected(here, capsys):
+def test_files_unrelated_to_a_run_are_rejected(here, capsys):
     assert 'there is no record none.npz' in refused(capsys, 't.npz', '--scope', 'none.npz')
     assert 'it has no units' in refused(capsys, 't.npz', '--scope', 't.npz')
     whole = Trace.load('t.npz')
@@ -113,7 +113,7 @@ def test_what_does_not_belong_to_a_run_is_rejected(here, capsys):
     assert 'a table of measurements has no bus time' in told
 
 
-def test_a_page_takes_no_more_than_a_browser_draws(here, capsys, monkeypatch):
+def test_page_size_is_limited_to_the_capacity_of_a_browser(here, capsys, monkeypatch):
     monkeypatch.setattr('delta3_pacdrive.studies.report_page.scopes.VALUES_MAX', 3199)
     assert 'the records contain 3200 values, the limit of a page is 3199' in refused(
         capsys, 't.npz', '--scope', 's.npz'

@@ -91,7 +91,7 @@ def test_things_types_and_outcomes_of_the_page_are_those_of_the_run(belted):
     assert [part[1:] for part in cell['parts']] == [[0, 'placed'], [0, 'placed'], [0, 'passed']]
 
 
-def test_a_page_of_a_part_of_a_run_holds_what_was_there_then(belted):
+def test_page_of_a_section_of_a_run_contains_the_state_of_that_time(belted):
     run, _ = belted
     short = runs.load(run.name, from_s=0.9, to_s=1.1)
     cell = cell_of(document_of(page.page([short], ORIGIN)))
@@ -124,7 +124,7 @@ def test_only_the_newest_parts_and_stays_are_drawn_and_listed_and_the_page_stays
     assert len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
 
 
-def test_a_place_out_of_reach_is_not_drawn_and_takes_no_digits_from_others(packaged):
+def test_unreachable_place_is_not_drawn_and_does_not_reduce_the_digits_of_others(packaged):
     run, _ = packaged
     own = run.cell.parts[0]
     far = own | {'number': 99, 'stays': [STAY | {'at_m': [1e15, 0.0, 0.0]}]}
@@ -154,7 +154,7 @@ def test_table_gives_the_outcome_of_each_part(packaged):
     assert 'not listed' not in text
 
 
-def test_lost_part_reports_the_reason_and_names_of_other_publishers_break_nothing(packaged):
+def test_lost_part_reports_the_reason_and_names_of_other_publishers_are_ignored(packaged):
     run, _ = packaged
     told = {'outcome': 'lost', 'reason': 'it <b>fell</b>', 'where': '', 'place': -1, 'type': '</table>'}
     text = page.page([with_parts(run, 1, **told)], ORIGIN)
@@ -181,7 +181,7 @@ def test_a_run_without_a_cell_has_neither_cell_nor_table(packaged):
     assert 'cell' not in document_of(page.page([replace(run, cell=nothing)], ORIGIN))
 
 
-def test_a_recording_of_before_lists_its_parts_and_draws_none(packaged):
+def test_recording_of_an_older_version_lists_its_parts_without_drawing_them(packaged):
     run, _ = packaged
     old = with_parts(replace(run, cell=replace(run.cell, things=())), 3, [])
     text = page.page([old], ORIGIN)

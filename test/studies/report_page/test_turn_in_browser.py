@@ -147,7 +147,7 @@ def test_plots_of_the_rotation_are_on_the_page_in_degrees(text):
     assert {'Error of the angle of the tool', 'Current of the rotary axis'} < plots.keys()
 
 
-def test_a_page_of_a_robot_without_the_axis_knows_nothing_of_it():
+def test_page_of_a_robot_without_the_axis_does_not_contain_it():
     document = document_of(page.page([runs.load('packaging', to_s=0.2)], Provenance.of('test')))
     robot = document['runs'][0]['robot']
     assert 'bar_top' not in robot

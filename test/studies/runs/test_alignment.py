@@ -62,7 +62,7 @@ def test_a_table_without_motor_speeds_is_aligned_by_its_tcp(one, tmp_path):
     assert found.shift_s == pytest.approx(-3.3, abs=1e-5)
 
 
-def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
+def test_recording_without_motion_cannot_be_aligned(one, tmp_path):
     with pytest.raises(TraceError, match='cannot be aligned: one does not contain the start of its program'):
         align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('current',)))
 
@@ -84,7 +84,7 @@ def test_clocks_of_different_motions_are_not_compared(one):
 
 
 @pytest.mark.parametrize(('from_s', 'to_s'), [(0.2, 0.6), (0.5, 1.1), (0.3, 1.4)])
-def test_parts_of_runs_are_aligned_by_what_they_share(from_s, to_s, one, tmp_path):
+def test_parts_of_runs_are_aligned_by_their_common_section(from_s, to_s, one, tmp_path):
     sampled(one, tmp_path / 'a.csv', 700.0, 0.12)
     part, other = (
         runs.load('experiment1', None, from_s, to_s),
@@ -105,7 +105,7 @@ def test_gaps_and_ends_are_not_motion(names, one, tmp_path):
     assert found.doubts == ()
 
 
-def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
+def test_times_are_unchanged_on_request(one, tmp_path):
     other = sampled(one, tmp_path / 'a.csv', 1000.0, 0.0)
     found = align(one, other, NONE)
     assert (found.by, found.shift_s) == (BY_NOTHING, 0.0)
@@ -131,7 +131,7 @@ def test_motions_that_differ_are_doubted(one):
     assert align(one, one, CORRELATION).doubts == ()
 
 
-def test_a_motion_that_repeats_itself_is_doubted(one):
+def test_periodic_motion_gives_a_warning(one):
     part = one.window
     twice = {name: np.concatenate([values, values]) for name, values in part.signals.items()}
     time_s = part.time_s[0] + np.arange(2 * len(part.time_s)) * one.period_s

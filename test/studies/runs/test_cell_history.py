@@ -105,7 +105,7 @@ def test_parts_in_a_late_bag_are_where_encoders_place_them(tmp_path):
     assert max(found.values()) < 2 * INCREMENT_M
 
 
-def test_over_a_message_that_is_missing_belts_go_straight(belted, tmp_path):
+def test_belt_positions_are_interpolated_over_a_missing_message(belted, tmp_path):
     _, truth = belted
     arrivals = [one for n, one in enumerate(truth.arrivals) if one[0] == 'cell/parts' or n % 2]
     story = runs.load(str(bag_of(tmp_path / 'bag', arrivals, truth.scene, RECORDED))).cell

@@ -110,7 +110,7 @@ def test_a_trace_file_holds_them_with_their_units(suffix, tmp_path, capsys):
     }
 
 
-def test_a_robot_that_was_away_for_months_takes_no_memory_for_it(trace):
+def test_robot_absent_for_months_uses_no_memory(trace):
     whole = derived_signals.added(trace)
     half = len(trace.time_s) // 2
     away = Trace(trace.time_s + 1e7 * (np.arange(len(trace.time_s)) >= half), trace.signals, trace.meta)

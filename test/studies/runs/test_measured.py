@@ -94,7 +94,7 @@ def test_the_set_point_delay_is_that_of_the_bus_at_any_rate(rate, robot):
     np.testing.assert_allclose(error[-100:], np.tile([-0.1 * late_s, 0.0, 0.0], (100, 1)), atol=1e-12)
 
 
-def test_what_is_measured_is_not_computed_anew(robot):
+def test_measured_signals_are_not_recomputed(robot):
     tcp = np.tile([0.01, 0.02, -0.8], (10, 1))
     angles = kinematics.inverse(tcp, robot.kinematics) + 1e-3
     found = measured.completed(

@@ -21,7 +21,7 @@ PICK = {
 
 
 @pytest.mark.parametrize('feed_forward', ['inertia', 'model'])
-def test_it_has_the_bits_of_the_simulation_also_with_what_is_gripped(feed_forward, robot):
+def test_run_has_the_bits_of_the_simulation_also_with_a_gripped_payload(feed_forward, robot):
     finest = oscilloscope_run.finest(robot.replace(control__feed_forward=feed_forward))
     program = programs.parse(PICK, finest.motion)
     trace = simulation.run(program, finest)

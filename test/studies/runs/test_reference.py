@@ -98,7 +98,7 @@ def test_rests_become_dwells_and_any_number_of_motions_may_follow(run, robot):
     assert planned.plan.duration_s == pytest.approx((len(repeated) - 1) * 1e-3)
 
 
-def test_what_was_commanded_is_played_before_what_was_measured(run, robot):
+def test_commanded_signals_have_priority_over_measured_ones(run, robot):
     assert reference.of(run, 'a', robot).text.startswith('motor_command of a: ')
     assert reference.of(only(run, 'tcp_actual', 'tcp_command'), 'a', robot).text.startswith(
         'tcp_command of a: '
@@ -163,7 +163,7 @@ def moved(run, place):
         (lambda run: Trace(run.time_s * 5e3, {'tcp_command': run['tcp_command']}), 'at least 5 in up to 3600 s'),
     ],
 )  # fmt: skip
-def test_what_cannot_be_played_gets_one_sentence(trace, sentence, run, robot):
+def test_unplayable_reference_is_rejected_with_one_message(trace, sentence, run, robot):
     with pytest.raises(ProgramError, match=rf'{sentence}') as caught:
         played(trace(run), robot, 'a')
     assert '\n' not in str(caught.value)
@@ -176,7 +176,7 @@ def test_a_gap_is_named(run, robot):
         reference.of(Trace(run.time_s, torn), 'a', robot)
 
 
-def test_noise_that_nothing_could_follow_is_rejected_in_one_sentence(robot):
+def test_excessive_noise_is_rejected_with_one_message(robot):
     rng = np.random.default_rng(2)
     time_s = np.arange(20_000) * 1e-3
     ramp = np.sin(np.pi * time_s / time_s[-1]) ** 2

@@ -212,7 +212,7 @@ def test_a_lag_rises_in_ln_9_and_settles_in_ln_50_of_its_time_constant():
 
 
 @pytest.mark.parametrize('axis', [0, 1, 2])
-def test_the_load_of_a_drive_is_what_its_motor_needs_to_turn_it(axis, robot):
+def test_load_of_a_drive_agrees_with_its_motor_torque(axis, robot):
     point = (0.25, 0.1, -0.82)
     found = load_at(point, axis, robot)
     theta, still, gear = kinematics.inverse(point, robot.kinematics), np.zeros(3), 32.0

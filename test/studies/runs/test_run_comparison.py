@@ -68,7 +68,7 @@ def test_runs_without_a_common_clock_are_aligned_to_the_cycle(one, cycles):
     assert found.same
 
 
-def test_runs_that_know_their_start_are_aligned_by_motion_where_that_is_asked_for(one):
+def test_runs_with_a_known_start_are_aligned_by_motion_on_request(one):
     moved = later(one, 40, knows_start=True)
     assert compare(one, moved).alignment.shift_s == 0.0
     assert not compare(one, moved).same

@@ -10,7 +10,7 @@ from delta3_pacdrive.studies.places.planning import evaluation
 from delta3_pacdrive.studies.runs.run_signals import NEEDED, energy_of_round
 
 
-def test_run_takes_the_values_of_its_plan(robot):
+def test_run_uses_the_values_of_its_plan(robot):
     program = programs.load('packaging', robot.motion)
     run = energy_of_round(simulation.run(program, robot), robot, program.repeat)
     plan = evaluation.of_program(program, simulation.placed(robot, program)).energy

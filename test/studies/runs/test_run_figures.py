@@ -111,7 +111,7 @@ def test_plotted_data_is_written_next_to_the_figures_with_its_origin(
 
 
 @pytest.mark.parametrize('name', ['nowhere', 'nowhere.npz', 'text.npz', 'empty_folder'])
-def test_invalid_recording_gets_one_sentence(name: str, tmp_path: Path) -> None:
+def test_invalid_recording_is_rejected_with_one_message(name: str, tmp_path: Path) -> None:
     (tmp_path / 'text.npz').write_text('no trace')
     (tmp_path / 'empty_folder').mkdir()
     with pytest.raises(TraceError) as refusal:
@@ -248,7 +248,7 @@ def test_a_gap_in_a_recording_makes_no_spike(trace: Trace) -> None:
         assert highest[1] <= highest[0]
 
 
-def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_for(
+def test_command_draws_and_writes_the_requested_window_and_signals(
     trace: Trace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     own = late(trace, 500_000)
@@ -275,7 +275,7 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
 
 
 @pytest.mark.parametrize('signal', sorted(set(run_figures.FIGURES.values())))
-def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Path) -> None:
+def test_signal_requests_its_figures(signal: str, turning: Trace, tmp_path: Path) -> None:
     chosen = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')), [signal])
     expected = {f'{make.__name__}.png' for make, subject in run_figures.FIGURES.items() if subject == signal}
     assert {path.name for path in chosen} == expected != set()
@@ -292,7 +292,7 @@ def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Pa
         (['--from', '100', '--to', '101'], 1, 'contains no cycle of that window: it goes from -0.12 to'),
     ],
 )
-def test_what_cannot_be_shown_is_rejected_in_a_sentence(
+def test_invalid_input_of_a_run_report_is_rejected_with_a_message(
     arguments: list[str],
     status: int,
     sentence: str,

@@ -19,7 +19,7 @@ def trace():
     return Trace(time_s, {'tcp_actual': circle, 'current': np.ones((CYCLES, 3))}, dict(META))
 
 
-def test_patterns_choose_and_all_is_everything(trace):
+def test_patterns_select_signals_and_all_selects_every_one(trace):
     assert trace_export.matching(['tcp_*', 'current'], trace.signals) == ['tcp_actual', 'current']
     assert trace_export.matching(['all'], trace.signals) == list(trace.signals)
     assert list(trace_export.chosen(trace, ['current'], 'a').signals) == ['current']

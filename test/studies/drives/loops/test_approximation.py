@@ -47,6 +47,6 @@ def test_with_all_pieces_the_loop_is_that_of_the_drive_within_a_tenth_of_a_decib
     assert np.abs(apart).max() < 0.1
 
 
-def test_without_a_low_pass_its_piece_costs_nothing(robot):
+def test_removing_an_absent_low_pass_gains_no_margin(robot):
     plain = robot.replace(drive__current_reference_filter_s=0.0)
     assert steps(plain, OperatingPoint(extremes(robot)[0], SPEED_RAD_S))[1].gained_db == 0.0

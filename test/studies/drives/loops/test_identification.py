@@ -122,7 +122,7 @@ def test_errors_of_lengths_that_are_independent_add_up_by_their_squares(robot):
     assert worst[0] == pytest.approx(math.sqrt(squares), rel=1e-6)
 
 
-def test_4_15_as_printed_adds_what_it_should_take_away(robot):
+def test_equation_4_15_as_printed_has_a_wrong_sign(robot):
     """Jdot' = S^-1 (Ddot + Sdot J), from S, D and their differences along the motion."""
     motion = load('1', robot, Signals.COMMAND)
     rows = slice(100, 900, 50)

@@ -60,7 +60,7 @@ def test_torque_less_friction_load_and_coupling_accelerates_the_shaft(short, rob
     )
 
 
-def test_without_load_torque_and_coupling_nothing_is_to_be_held(short, robot):
+def test_holding_torque_is_zero_without_load_torque_and_coupling(short, robot):
     alone = single(short, robot)
     assert abs(alone.current[-1]) < 0.02
     assert not alone.coupling.any()
@@ -182,7 +182,7 @@ def test_a_trace_as_csv_holds_the_same_numbers(as_in_robot, tmp_path):
         (['pick_with_faults.yaml', '--one-motor'], 'injects faults'),
     ],
 )
-def test_what_a_single_motor_cannot_do_is_rejected_in_one_sentence(
+def test_program_unsuited_for_a_single_motor_is_rejected_with_one_message(
     arguments, told, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

@@ -151,7 +151,7 @@ def test_requested_motor_is_shown(tmp_path, capsys):
         (['no_such_program'], 'no_such_program'),
     ],
 )
-def test_what_cannot_be_shown_is_rejected_in_one_sentence(arguments, told, tmp_path, capsys):
+def test_invalid_input_of_the_ripple_study_is_rejected_with_one_message(arguments, told, tmp_path, capsys):
     assert main(['ripple', *arguments, '--output', str(tmp_path / 'out')]) == 1
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith('error: ')

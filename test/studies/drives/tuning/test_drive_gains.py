@@ -71,7 +71,7 @@ def drives():
     return Drives()
 
 
-def test_all_drives_take_the_gains_and_get_back_what_they_had(drives, tmp_path):
+def test_all_drives_accept_the_gains_and_are_restored(drives, tmp_path):
     applied.apply(GAINS, drives, '/', tmp_path)
     assert drives.has == dict.fromkeys(AXES, GAINS)
     applied.undo(drives, tmp_path)
@@ -88,7 +88,7 @@ def sets_on_the_way(start, written):
     return sets
 
 
-def test_what_falls_is_written_before_what_rises_and_a_filter_in_between(drives, tmp_path):
+def test_falling_gains_are_written_before_filters_and_rising_gains(drives, tmp_path):
     applied.apply(GAINS, drives, '/', tmp_path)
     assert [name for axis, name, _ in drives.written if axis == 'axis2'] == [
         'position_gain_rad_s_rad',
@@ -152,7 +152,7 @@ def test_drive_without_a_reply_to_a_write_is_restored(error, number, drives, tmp
     assert not list(tmp_path.iterdir())
 
 
-def test_a_drive_whose_answers_stay_away_is_named_and_can_be_undone_later(drives, tmp_path):
+def test_drive_without_replies_is_named_and_can_be_restored_later(drives, tmp_path):
     drives.lost = lambda done: RunError('no answer') if done >= 7 else None
     with pytest.raises(
         TuningError, match=r'no answer; these values could not be restored, .* axis2 .*\(was 20\)'
@@ -163,7 +163,7 @@ def test_a_drive_whose_answers_stay_away_is_named_and_can_be_undone_later(drives
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
 
 
-def test_what_cannot_be_taken_back_is_named_with_what_it_was(drives, tmp_path):
+def test_values_that_could_not_be_restored_are_named(drives, tmp_path):
     drives.refuses = lambda axis, name, done: done >= 6
     with pytest.raises(TuningError, match=r'could not be restored, .*: axis2 S-0-0104 \(was 60\)'):
         applied.apply(GAINS, drives, '/', tmp_path)
@@ -188,7 +188,7 @@ def test_interrupted_writer_can_restore_the_old_values(drives, tmp_path):
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
 
 
-def test_gains_that_are_applied_twice_are_undone_to_what_was_first(drives, tmp_path):
+def test_undoing_gains_applied_twice_restores_the_original_ones(drives, tmp_path):
     applied.apply(GAINS, drives, '/', tmp_path)
     applied.apply(GAINS | {'position_gain_rad_s_rad': 33.0}, drives, '/', tmp_path)
     assert drives.has['axis3']['position_gain_rad_s_rad'] == 33.0
@@ -248,7 +248,7 @@ def test_a_record_of_names_that_no_drive_has_is_rejected(drives, tmp_path):
         applied.undo(drives, tmp_path)
 
 
-def test_nothing_applied_is_nothing_undone_and_no_gains_are_nothing_to_apply(tmp_path, capsys):
+def test_undo_without_applied_gains_and_apply_without_gains_have_no_effect(tmp_path, capsys):
     folder = str(tmp_path / 'tuning')
     assert main(['tune', '--undo', '--output', folder]) == 1
     assert 'nothing to undo' in capsys.readouterr().err

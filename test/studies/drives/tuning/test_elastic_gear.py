@@ -35,7 +35,7 @@ def home(built):
     return load_at(built.motion.home_m, 0, built)
 
 
-def test_a_gear_is_that_of_the_built_robot_seen_from_the_motor_and_a_nominal_robot_has_none(built, robot):
+def test_gear_model_is_that_of_the_built_robot_at_the_motor_and_absent_for_a_nominal_robot(built, robot):
     gear = gear_of(built)
     assert gear.stiffness_n_m_rad == pytest.approx(100000.0 / RATIO**2)
     assert gear.damping_n_m_s_rad == pytest.approx(15.0 / RATIO**2)

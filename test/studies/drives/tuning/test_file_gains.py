@@ -66,7 +66,7 @@ def test_a_value_that_is_missing_is_added_to_its_group(tmp_path):
         '/**:\n  ros__parameters:\n    drive:\n      "position_gain_rad_s_rad": 60.0\n',
     ],
 )
-def test_a_file_that_cannot_be_changed_line_by_line_is_rejected_and_stays(text, tmp_path):
+def test_file_without_line_structure_is_rejected_and_unchanged(text, tmp_path):
     path = tmp_path / 'strange.yaml'
     path.write_text(text)
     with pytest.raises(TuningError, match=r'strange\.yaml'):
@@ -108,7 +108,7 @@ def test_a_robot_that_could_not_be_loaded_any_more_keeps_its_gains(values, told,
         ('{}', 'contains no gains of --propose'),
     ],
 )
-def test_values_that_no_drive_can_have_are_rejected_before_anything_is_changed(drive, told, tmp_path):
+def test_values_outside_the_range_of_drives_are_rejected_before_any_change(drive, told, tmp_path):
     (tmp_path / 'gains.yaml').write_text(f'/**:\n  ros__parameters:\n    drive: {drive}\n')
     with pytest.raises(TuningError, match=told):
         gains.read(tmp_path)
@@ -119,7 +119,7 @@ def test_invalid_parameter_file_is_rejected(tmp_path):
         gains_in_file.apply(GAINS, tmp_path / 'missing.yaml')
 
 
-def test_the_command_applies_to_a_file_and_takes_it_back(file, tmp_path, capsys):
+def test_command_applies_gains_to_a_file_and_restores_it(file, tmp_path, capsys):
     folder = tmp_path / 'tuning'
     folder.mkdir()
     (folder / 'gains.yaml').write_text(

@@ -40,7 +40,7 @@ def proposals(robots):
 
 
 @pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
-def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name, proposals, robots):
+def test_proposed_gains_keep_the_requested_margins_closely(name, proposals, robots):
     found = proposals(name)
     kept = margins_kept(found.robot, spread(robots[name], 2.0), SPEED_RAD_S)
     assert kept == found.kept
@@ -51,7 +51,7 @@ def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name
 
 
 @pytest.mark.long
-def test_the_nominal_robot_gets_a_stiff_drive_and_the_built_one_a_notch_filter(proposals):
+def test_nominal_robot_has_a_stiff_drive_and_the_built_one_a_notch_filter(proposals):
     # COBYLA from the best of many starts got to 1063 with 44.7 deg and 5.9 dB, hill-climbing to 823
     assert 1000.0 < proposals('delta3').gains.stiffness < 1063.0
     assert proposals('delta3').gains.notch is None
@@ -109,7 +109,7 @@ def test_margins_of_candidates_are_those_of_the_difference_equations(name, robot
         assert least.phase_deg[k] == pytest.approx(kept.phase_deg, abs=1.0)
 
 
-def test_a_candidate_that_is_not_stable_is_known_as_such(robots):
+def test_unstable_candidate_is_marked_as_unstable(robots):
     robot = robots['delta3']
     loads = spread(robot, 2.0)
     candidates = Candidates(robot, [exact_shaft(robot, load, SPEED_RAD_S) for load in loads])
@@ -125,7 +125,7 @@ def test_a_candidate_that_is_not_stable_is_known_as_such(robots):
 
 
 @pytest.mark.long
-def test_the_same_robot_gets_the_same_gains(robots, proposals):
+def test_same_robot_has_the_same_proposed_gains(robots, proposals):
     assert propose(robots['delta3'], Targets(), SPEED_RAD_S).gains == proposals('delta3').gains
 
 
@@ -138,7 +138,7 @@ def test_larger_margins_and_a_larger_payload_cost_stiffness(robots, proposals):
 
 
 @pytest.mark.long
-def test_margins_that_nothing_keeps_are_rejected_with_the_nearest(robots):
+def test_unreachable_margins_are_rejected_with_the_nearest(robots):
     late = robots['delta3'].replace(drive__current_gain_v_a=75.0)  # the current loop itself is near its end
     with pytest.raises(
         # enough digits to see which margin is missed

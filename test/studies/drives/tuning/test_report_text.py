@@ -86,7 +86,7 @@ def test_gains_that_are_better_in_one_margin_only_are_not_worthwhile(after):
     ]
 
 
-def test_gains_that_are_better_in_two_figures_or_worse_in_none_are_worthwhile(after):
+def test_gains_better_in_two_figures_or_worse_in_none_are_worthwhile(after):
     after['rejection']['noise_a'] = 0.01
     assert is_worthwhile(judged_figures(BEFORE, after, PROPOSAL))
     better = PROPOSAL | {'kept': PROPOSAL['kept'] | {'gain_db': 7.0}}

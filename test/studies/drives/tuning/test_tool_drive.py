@@ -36,7 +36,7 @@ def study_of(tmp_path, **chosen):
     return Study(Settings('rotary', axis=4, **chosen), tmp_path / 'tuning', '', lambda *_: None)
 
 
-def test_what_it_turns_is_rotor_bar_tool_and_part_wherever_the_arms_are(turning):
+def test_inertia_of_rotor_bar_tool_and_part_is_independent_of_the_arms(turning):
     drive = tuned_drive(4, turning)
     for payload_kg in (0.0, 0.5, 2.0):
         load = drive.load(None, turning.replace(dynamics__payload_mass_kg=payload_kg))
@@ -109,7 +109,7 @@ def test_the_effect_is_that_on_the_turn(turning):
     assert effect.run(program, weak, drive).following_error_max_rad > 2.0 * found.following_error_max_rad
 
 
-def test_what_it_has_not_is_rejected(tmp_path):
+def test_options_for_absent_axes_are_rejected(tmp_path):
     with pytest.raises(
         TuningError, match=r'^--axis is 4, but the robot has no rotary axis \(rotary.present is'
     ):

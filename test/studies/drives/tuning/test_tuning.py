@@ -123,7 +123,7 @@ def test_gain_margin_is_the_factor_at_which_the_drive_begins_to_swing(robot, ope
     assert step_on_bench(loop, louder(1.2 * margin), operation).figures.settling_time_s is None
 
 
-def test_margins_of_loops_that_are_known_in_closed_form():
+def test_margins_agree_with_loops_in_closed_form():
     frequencies = np.geomspace(1e-3, 1e3, 4000)
     s = 2j * np.pi * frequencies
     third = margins(frequencies, 2.0 / (s * (s + 1.0) * (s + 2.0)))
@@ -191,7 +191,7 @@ def test_step_figures_of_a_second_order_system():
     assert 0.5 * envelope < found.settling_time_s <= envelope
 
 
-def test_observer_that_believes_the_truth_or_is_never_needed_changes_nothing(robot, operation):
+def test_observer_with_true_estimates_or_without_use_has_no_effect(robot, operation):
     frequencies = np.geomspace(5.0, 1000.0, 30)
     inertia = operation.load.inertia_kg_m2
 
@@ -333,7 +333,7 @@ def test_elastic_gears_show_their_resonance_in_a_recording(operation):
     assert margins(one.frequencies_hz[high], one.values[high]).gain_margin_db < 6.0
 
 
-def test_every_name_of_a_gain_means_the_same(robot):
+def test_all_names_of_a_gain_are_equivalent(robot):
     names = ('position_gain_rad_s_rad', 'drive.position_gain_rad_s_rad', 'K_Ppos', 'S-0-0104')
     tuned = [settings.apply([settings.parse(f'{name}=70')], robot) for name in names]
     assert len({one.checksum for one in tuned}) == 1
@@ -453,7 +453,7 @@ def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
     assert np.max(np.subtract(margins_db[1], margins_db[0])) > 3.0  # exchanging costs margin with light loads
 
 
-def test_the_recording_of_the_axis_that_is_asked_for_is_evaluated(excited, robot, tmp_path, monkeypatch):
+def test_recording_of_the_requested_axis_is_evaluated(excited, robot, tmp_path, monkeypatch):
     excited.save(tmp_path / 'trace.npz')
     asked = []
     monkeypatch.setattr(measured_response, 'identify', lambda _trace, axis, *_: asked.append(axis) or [])

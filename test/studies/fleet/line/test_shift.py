@@ -82,13 +82,13 @@ def test_the_same_seed_gives_the_same_shift_and_another_one_another(tables):
 
 
 @pytest.mark.parametrize('rule', list(Rule))
-def test_where_there_is_time_for_all_parts_none_is_missed(rule, tables):
+def test_no_part_is_missed_with_time_for_all_parts(rule, tables):
     found = shift_of(line_with(rule, EASY), tables)
     assert (found.missed != '').sum() == 0
     assert (found.robot >= 0).sum() > 300
 
 
-def test_alternating_robots_pick_the_same_and_first_come_favours_the_first(tables):
+def test_alternating_robots_pick_equal_numbers_and_first_come_assignment_favours_the_first(tables):
     def picks(rule):
         found = shift_of(line_with(rule, EASY), tables)
         return np.bincount(found.robot[found.robot >= 0], minlength=2)
@@ -108,7 +108,7 @@ def test_picking_the_nearest_part_takes_less_time_than_the_first(tables):
 
 @pytest.mark.long
 @pytest.mark.parametrize('rate', [205.0, 260.0])  # they are full at about 210
-def test_the_best_assignment_is_near_what_can_be_picked_knowing_all_parts_before(rate, tables):
+def test_best_assignment_is_near_the_optimum_with_all_parts_known(rate, tables):
     line = line_with(Rule.OPTIMAL, rate)
     most, reached = most_that_can_be_picked(line, tables, UNTIL_S), picked_knowing_all(line, tables, UNTIL_S)
     picked = {rule: picks_of(line_with(rule, rate), tables) for rule in Rule}
@@ -157,7 +157,7 @@ def test_a_part_for_which_no_window_has_time_is_out_of_reach():
     assert found.offered.sum() > 30
 
 
-def test_a_robot_that_waits_for_its_own_parts_leaves_others(tables):
+def test_robot_that_waits_for_assigned_parts_leaves_others(tables):
     reach = shift.reach_of(line_of(2).belts[0], parts.of_belt(line_of(2), line_of(2).belts[0]), tables)
     allocation = shift.Allocation(Rule.BALANCED, reach, np.zeros(reach.earliest_s.shape[1]), 12.0)
     first = float(reach.earliest_s[0, 0]) + 1e-6

@@ -67,7 +67,7 @@ def test_all_errors_are_reported_together():
         ({'limits': {'speed_m_s': 4, 'acceleration_m_s2': 1, 'jerk_m_s3': 4000}}, 'acceleration_m_s2 is 1'),
     ],
 )
-def test_what_no_line_can_be_is_rejected(change, sentence):
+def test_impossible_line_is_rejected(change, sentence):
     assert sentence in refusal(document() | change)
 
 

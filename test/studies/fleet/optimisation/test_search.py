@@ -45,7 +45,7 @@ def bowl(values):
     return {'y': (values['drive.gain'] + 0.5) ** 2 + (values['drive.interpolation'] == 'linear')}
 
 
-def test_the_same_seed_chooses_the_same_and_goes_where_it_is_best():
+def test_same_seed_selects_the_same_trials_and_approaches_the_optimum():
     first, again = (searched(wanted(), bowl) for _ in range(2))
     assert [one.values for one in first.trials] == [one.values for one in again.trials]
     other = searched(replace(wanted(), sweep=replace(wanted().sweep, seed=4)), bowl)
@@ -91,7 +91,7 @@ def test_numbers_of_a_list_are_chosen_in_their_order_and_words_as_they_are():
     assert [one.values for one in same.trials] == [one.values for one in found.trials]
 
 
-def test_the_best_keeps_all_limits_and_what_breaks_them_teaches_the_search():
+def test_best_trial_keeps_all_limits_and_violations_guide_the_search():
     def limited(values):
         return {'y': values['drive.gain'], 'load': 1.0 - values['drive.gain']}
 

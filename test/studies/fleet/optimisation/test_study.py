@@ -135,7 +135,7 @@ def test_the_best_is_driven_again_from_its_files_to_the_last_bit(path, here, tmp
     assert lines[-1] == f'again: {document["again"]}'
 
 
-def test_values_of_the_files_that_may_not_be_chosen_have_a_run_of_their_own(path, here, tmp_path):
+def test_file_values_outside_the_choices_have_a_separate_base_run(path, here, tmp_path):
     path.write_text(SPEC.replace('[30.0, 120.0]', '[70.0, 120.0]').replace('12', '4', 1), encoding='utf-8')
     document = study(path, tmp_path / 'out').run()
     assert sorted(here.made)[0] == 0
@@ -162,7 +162,7 @@ def test_optimisation_without_a_feasible_trial_writes_no_best_files(path, here, 
     )
 
 
-def test_a_folder_whose_trials_the_search_did_not_choose_is_rejected(path, here, tmp_path, monkeypatch):
+def test_folder_with_trials_of_another_search_is_rejected(path, here, tmp_path, monkeypatch):
     study(path, tmp_path / 'out').run()
     monkeypatch.setattr(engine, 'to_row', lambda values: {'drive.position_gain_rad_s_rad': 1.0})
     with pytest.raises(SweepError, match=r'trial 1 in .* has other values than those of this search'):

@@ -35,7 +35,7 @@ def test_shares_of_the_variance_are_those_of_the_terms_of_a_sum():
     assert abs(told['x.c'].correlation) < 0.06
 
 
-def test_what_does_nothing_has_no_share_by_chance_in_few_runs_either():
+def test_idle_value_has_no_share_even_in_few_runs():
     idle = [Variation(f'x.idle{n}', Law.UNIFORM, (-1.0, 1.0)) for n in range(9)]
     told = effects(found(lambda a, *others: a, 200, vary=(A, *idle)))
     # 20 bins of 10 runs each would have 19 of 200 parts of the variance between them
@@ -68,7 +68,7 @@ def test_sobol_indices_are_those_of_a_product_that_acts_together_only():
     assert plain
 
 
-def test_runs_that_are_not_done_count_for_the_yield_and_for_nothing_else():
+def test_unfinished_runs_count_only_for_the_yield():
     outcomes = [Outcome.STOPPED, Outcome.REFUSED, *[Outcome.DONE] * 98]
     some = replace(found(lambda a, b, c: np.arange(100.0), 100, limits={'y': 59.0}), outcomes=outcomes)
     some.kept['y'][1] = np.nan
@@ -83,7 +83,7 @@ def test_runs_that_are_not_done_count_for_the_yield_and_for_nothing_else():
     assert worst(some, 'y')[:4] == [1, 2, 100, 99]
 
 
-def test_what_does_not_vary_has_no_effects():
+def test_constant_result_has_no_effects():
     assert effects(found(lambda a, b, c: np.zeros(2048))) == []
     assert effects(found(lambda a, b, c: a, 10)) == []
 

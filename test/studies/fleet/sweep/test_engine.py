@@ -118,7 +118,7 @@ class Watched:
         return self._cluster.__exit__(*error)
 
 
-def test_a_folder_of_another_sweep_is_rejected_and_keeps_what_it_has(path, tmp_path):
+def test_folder_of_another_sweep_is_rejected_and_unchanged(path, tmp_path):
     folder = tmp_path / 'out'
     Store(folder, load(path)).open()
     before = (folder / MANIFEST).read_text()
@@ -159,7 +159,7 @@ def test_no_cluster_and_one_of_other_sources_are_rejected_in_one_sentence(path, 
         engine.require_same_version(type('Empty', (), {'run': lambda self, function: {}})(), 'tcp://there')
 
 
-def test_a_worker_that_joins_late_with_other_sources_makes_nothing(path):
+def test_late_worker_with_other_sources_executes_no_run(path):
     sweep = load(path)
     with pytest.raises(
         SweepError, match=r'a worker has delta3_pacdrive .*, but this is delta3_pacdrive 0\.0\.1'
@@ -197,7 +197,7 @@ def test_broken_cluster_is_reported_in_one_sentence(status, error, sentence, pat
     assert '\n' not in str(told.value)
 
 
-def test_dry_run_lists_the_work_and_writes_nothing(path, tmp_path):
+def test_dry_run_lists_the_work_without_writing(path, tmp_path):
     told = study(path, tmp_path / 'out', 1).dry_run()
     assert (told['runs'], told['runs_made']) == (36, 0)
     assert told['core_seconds'] == pytest.approx(36 * told['seconds_a_run'])
@@ -220,7 +220,7 @@ def test_values_in_the_table_are_numbers_and_all_else_is_json():
 
 
 @pytest.mark.long
-def test_what_a_worker_notes_of_its_batches_does_not_grow():
+def test_log_of_a_worker_does_not_grow():
     with engine.cluster(1, '') as client:
         for number in range(100):
             assert client.submit(abs, -number, pure=False).result() == number

@@ -70,7 +70,7 @@ def test_values_are_those_of_parameters_of_one_of_several_and_of_the_program(swe
     assert second.limits.acceleration_m_s2 == 3.0
 
 
-def test_moves_without_a_speed_have_that_of_their_own_run(sweep):
+def test_moves_without_a_speed_have_that_of_their_run(sweep):
     runner = Runner(sweep())
     for speed in (0.4, 0.3, 0.3):
         _, program = runner.made({'motion.speed_max_m_s': speed})
@@ -85,7 +85,7 @@ def test_row_has_the_figures_of_its_run(sweep):
     assert set(row) == {'run', 'outcome', 'reason', *figure_names()}
 
 
-def test_what_is_rejected_or_stopped_is_a_row_with_its_reason(sweep):
+def test_rejected_or_stopped_run_is_a_row_with_its_reason(sweep):
     runner = Runner(sweep())
     heavy = runner.run(1, {'dynamics.payload_mass_kg': 50.0})
     assert heavy['outcome'] == Outcome.REFUSED
@@ -114,7 +114,7 @@ def test_what_is_rejected_or_stopped_is_a_row_with_its_reason(sweep):
         ({'control.shaping': ('none', 'zv')}, 2),
     ],
 )
-def test_only_what_a_plan_depends_on_is_planned_anew_and_no_bit_is_another(values, plans, sweep, monkeypatch):
+def test_only_dependent_moves_are_planned_again_with_the_same_bits(values, plans, sweep, monkeypatch):
     made, plan = [], program_planner.plan
     monkeypatch.setattr(single_run.program_planner, 'plan', lambda *args: made.append(1) or plan(*args))
     runner = Runner(sweep())

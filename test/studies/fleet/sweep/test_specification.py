@@ -98,12 +98,12 @@ def test_error_gives_place_and_reason(change, place, sentence, tmp_path):
         ('sampling: sobl', 'did you mean sobol?'),
     ],
 )
-def test_what_is_kept_has_to_be_there(more, sentence, tmp_path):
+def test_kept_results_must_exist(more, sentence, tmp_path):
     with pytest.raises(SweepError, match=f'own.yaml:.*{sentence}'.replace('?', r'\?')):
         load(written(tmp_path, f'{SMALL}{more}\n'))
 
 
-def test_a_file_in_python_holds_the_same_and_its_own_function(tmp_path):
+def test_python_file_has_the_same_keys_and_a_function(tmp_path):
     source = f"""\
 import yaml
 SPEC = yaml.safe_load('''{SMALL}''')
@@ -126,13 +126,13 @@ def figures(trace):
         ('(', 'SyntaxError'),
     ],
 )
-def test_invalid_python_file_gets_one_sentence(source, sentence, tmp_path):
+def test_invalid_python_file_is_rejected_with_one_message(source, sentence, tmp_path):
     with pytest.raises(SweepError, match=sentence) as told:
         load(written(tmp_path, source, 'own.py'))
     assert '\n' not in str(told.value)
 
 
-def test_the_digest_depends_on_what_numbers_depend_on_and_on_nothing_else(tmp_path):
+def test_digest_depends_only_on_inputs_of_the_results(tmp_path):
     first = load(written(tmp_path, SMALL)).digest
     assert load(written(tmp_path, f'{SMALL}name: other\nlimits: {{tcp_error_max_m: 1.0}}\n')).digest == first
     for other in (

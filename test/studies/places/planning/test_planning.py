@@ -55,7 +55,7 @@ def studied(moves, robot, **more):
 
 
 @pytest.mark.parametrize('name', CASES)
-def test_what_limits_a_move_is_at_its_limit(name, robot):
+def test_limiting_quantity_of_a_move_is_at_its_limit(name, robot):
     moves, quantity = CASES[name]
     use = studied(moves, robot).rows[0].limited_by
     assert use.quantity == quantity
@@ -117,7 +117,7 @@ def test_no_limit_is_exceeded_and_the_shares_of_the_time_are_parts_of_one(name, 
 
 
 @pytest.mark.parametrize('name', ['experiment1', 'experiment2', 'packaging_stops'])
-def test_the_table_is_what_the_simulation_drives(name, robot):
+def test_table_agrees_with_the_simulation(name, robot):
     program = program_file.load(name, robot.motion)
     plan = program_planner.plan(program, program.start_m, robot)
     found = evaluation.study(plan, robot)

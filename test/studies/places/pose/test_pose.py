@@ -68,7 +68,7 @@ def test_both_intersections_of_the_spheres_close_the_loops(robot):
     assert pose.mirror_m[2] > pose.point_m[2]
 
 
-def test_a_distance_to_a_limit_is_how_far_the_robot_may_go(robot):
+def test_distance_to_a_limit_is_the_remaining_travel(robot):
     pose = evaluation.of_point((0.2, 0.1, -0.85), robot)
     margins = {(margin.key, margin.arm): margin for margin in pose.margins}
     rim, top, bottom = (margins[key, None].distance for key in ('radius', 'top', 'bottom'))
@@ -217,7 +217,7 @@ def test_no_figure_is_drawn_of_a_pose_that_there_is_not(robot):
     assert figures.by_name(evaluation.of_point((1.6, 0.0, -0.8), robot), robot) == {}
 
 
-def test_the_payload_is_within_the_limit_and_the_rest_is_named_by_what_it_is(robot):
+def test_payload_is_within_the_limit_and_other_load_is_named(robot):
     found = evaluation.of_point((0.0, 0.0, -0.8), robot)
     told = report.document(found, robot)
     assert told['payload_max_kg'] == PAYLOAD_MAX_KG < told['payload_held_kg']

@@ -47,7 +47,7 @@ def test_each_value_is_that_of_its_place(found, robot):
             np.testing.assert_allclose(here[known], wanted[known], rtol=1e-12)
 
 
-def test_values_are_known_exactly_where_the_arms_may_be(found, robot):
+def test_values_are_defined_exactly_in_the_reachable_region(found, robot):
     k = robot.kinematics
     for grid in (found.volume, *found.slices):
         points = places(grid)
@@ -94,7 +94,7 @@ def test_a_third_of_a_turn_maps_the_workspace_on_itself(robot):
         np.testing.assert_allclose(there[key], values, rtol=1e-9, err_msg=key)
 
 
-def test_payload_and_acceleration_asked_for_reach_the_maps(robot):
+def test_requested_payload_and_acceleration_reach_the_maps(robot):
     loaded = robot.replace(dynamics__payload_mass_kg=5.0)
     heavy = evaluation.study(Settings(0.3, ()), loaded)
     quick = evaluation.study(Settings(0.3, (), acceleration_m_s2=100.0), robot)
@@ -130,7 +130,7 @@ def test_every_quantity_is_drawn_in_every_slice(found, robot, tmp_path):
     assert path.read_bytes().startswith(b'\x89PNG')
 
 
-def test_the_volume_is_written_with_units_and_what_the_codes_mean(found, tmp_path):
+def test_volume_is_written_with_units_and_meaning_of_the_codes(found, tmp_path):
     path = report.save_volume(found.volume, tmp_path / 'volume.npz', {'command': 'test'})
     with np.load(path) as file:
         about = json.loads(str(file['about']))

@@ -46,7 +46,7 @@ def by_text(found, part):
     return claim
 
 
-def test_every_claim_of_an_experiment_gets_a_verdict_and_a_figure(first):
+def test_every_claim_of_an_experiment_has_a_verdict_and_a_figure(first):
     found = claims(1, first, None)
     assert {claim.section for claim in found} == {'11.1.1', '11.1.4'}
     assert all(any(character.isdigit() for character in claim.figure) for claim in found[:-1])
@@ -183,7 +183,7 @@ def test_the_claims_of_experiment_1_that_hold_by_construction_are_those_about_y_
     ]
 
 
-def test_an_experiment_runs_the_robot_with_as_many_further_seeds_as_asked_for(tmp_path):
+def test_experiment_runs_the_robot_with_the_requested_number_of_seeds(tmp_path):
     study = run.Study(Settings(1, attributed=False, seeds=2), tmp_path, '', silent)
     document = study.run()
     by_claim = {claim['text']: claim for claim in document['claims']}

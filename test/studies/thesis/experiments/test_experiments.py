@@ -93,7 +93,7 @@ def test_the_reference_of_the_arms_is_the_reference_of_the_tcp(compared, robot):
     assert np.abs(by_arms - compared[3].measured(model.reference['tcp'])).max() < CHORD_M
 
 
-def test_the_true_error_is_what_the_encoders_see_and_what_they_miss(compared):
+def test_true_error_is_the_sum_of_measured_and_hidden_errors(compared):
     robot = compared[2].robot
     missed = np.linalg.norm(robot.actual['tcp_true'] - robot.actual['tcp'], axis=1)
     seen, true = robot.actual['tcp_error_norm'][:, 0], robot.actual['tcp_error_norm_true'][:, 0]
@@ -174,7 +174,7 @@ def test_every_switch_of_the_rich_plant_is_an_effect(rich):
     assert effects_of(rich) == tuple(name for name in EFFECTS if name != 'parallelogram')
 
 
-def test_a_robot_with_all_of_its_effects_is_itself_and_without_any_the_plain_one(rich, robot, short_program):
+def test_robot_with_all_effects_is_unchanged_and_without_any_nominal(rich, robot, short_program):
     assert flatten(with_effects(rich, EFFECTS)) == flatten(rich)
     bare = run(short_program, with_effects(rich, ()))
     plain = run(short_program, robot.replace(bus__exchange_period_s=125e-6))
@@ -211,7 +211,7 @@ def test_shapley_values_are_the_mean_over_all_orders():
     assert shapley(values) == pytest.approx(expected / math.factorial(4))
 
 
-def test_shapley_values_of_effects_that_superpose_are_what_goes_along_with_the_whole():
+def test_shapley_values_of_additive_effects_are_their_projections_on_the_total():
     """The worth is a mean square, so that each share is mean(d_i d)."""
     waves = np.random.default_rng(SEED).normal(size=(5, 200))
     on = np.array([[mask >> i & 1 for i in range(5)] for mask in range(32)])
@@ -248,7 +248,7 @@ def test_unknown_effect_is_named(attributed):
     assert abs(attributed.outcomes['current', 'deviation'].other) > 0.0
 
 
-def test_geometry_explains_the_true_error_and_nothing_that_the_controller_sees(attributed):
+def test_geometry_explains_the_true_error_and_none_of_the_measured_error(attributed):
     def percent(signal, effect):
         outcome = attributed.outcomes[signal, 'deviation']
         return outcome.percent(outcome.share[effect])
@@ -346,7 +346,7 @@ def test_report_explains_the_acceleration_and_is_independent_of_a_seed(folder):
     assert document['provenance']['seed'] == 'none'
 
 
-def test_a_report_without_attribution_leaves_none_of_an_earlier_one(tmp_path, capsys):
+def test_report_without_attribution_removes_that_of_an_earlier_one(tmp_path, capsys):
     for name in ('attribution.csv', 'attribution.png', 'figure_11_01_tcp_path.png', 'report.json'):
         (tmp_path / name).write_text('old')
     (tmp_path / 'notes.txt').write_text('mine')
@@ -396,7 +396,7 @@ def test_a_bad_option_is_a_usage_error(arguments, capsys):
     assert 'usage: delta3 experiment' in capsys.readouterr().err
 
 
-def test_an_interruption_leaves_nothing_that_looks_like_a_report(tmp_path, monkeypatch, capsys):
+def test_interruption_leaves_no_incomplete_report(tmp_path, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 

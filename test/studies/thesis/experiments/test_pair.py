@@ -111,7 +111,7 @@ def test_a_gap_of_the_robot_costs_only_its_instants(nominal, built, tmp_path):
     assert any('50 of' in note and 'samples are missing' in note for note in found.notes)
 
 
-def test_a_signal_that_is_never_known_when_the_other_is_counts_as_missing(nominal, built, tmp_path):
+def test_signal_without_common_samples_counts_as_missing(nominal, built, tmp_path):
     table = table_of(built, tmp_path / 'robot.csv', ('arm_position', 'tcp_error_norm'))
     rows = (tmp_path / 'robot.csv').read_text().splitlines()
     held = [row if n < 10 else row.rpartition(',')[0] + ',' for n, row in enumerate(rows)]
@@ -173,7 +173,7 @@ def test_unattributed_remainder_is_reported(other, why, nominal, tmp_path, monke
     assert any(why in note for note in found.notes)
 
 
-def test_the_folder_of_a_pair_holds_what_that_of_an_experiment_holds(nominal, built, tmp_path):
+def test_folder_of_a_pair_has_the_files_of_an_experiment(nominal, built, tmp_path):
     document = PairStudy(Pair(nominal, built, attributed=False), tmp_path / 'out', 'a test', silent).run()
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'index.html', 'report.json', 'signals.csv', 'table.csv'} <= names
@@ -200,7 +200,7 @@ def test_the_packaged_model_runs_with_the_bus_cycle_of_the_robot(slow, tmp_path)
 
 
 @pytest.mark.long
-def test_a_model_that_was_asked_for_keeps_its_bus_cycle(slow, tmp_path):
+def test_requested_model_keeps_its_bus_cycle(slow, tmp_path):
     model = str(parameters.write(parameters.load(), tmp_path / 'model.yaml'))
     document = Study(Settings(1, model, slow, attributed=False), tmp_path / 'out', 'a test', silent).run()
     assert document['period_s'] == 2e-3
@@ -254,7 +254,7 @@ def test_command_reads_a_third_party_table_and_reports_the_shift(built, tmp_path
         (['experiment1', 'a.csv'], "a.csv has an unknown column 'K0'"),
     ],
 )
-def test_the_command_rejects_what_it_cannot_read_in_one_sentence(
+def test_command_rejects_unreadable_input_with_one_message(
     arguments, sentence, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)

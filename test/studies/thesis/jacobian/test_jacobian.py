@@ -105,7 +105,7 @@ def largest(computed, recorded):
 
 
 @pytest.mark.parametrize('pose', Pose)
-def test_with_exact_lengths_and_exact_derivatives_nothing_deviates(robot, pose):
+def test_exact_lengths_and_derivatives_give_no_deviation(robot, pose):
     swing = swinging(robot)
     velocity, acceleration = largest(joint_motion(swing, robot.kinematics, pose), swing)
     assert velocity < NUMERICALLY_NIL[0]
@@ -117,7 +117,7 @@ def test_with_exact_lengths_only_the_differencing_per_bus_cycle_is_left(robot, e
         assert max(largest(joint_motion(own, robot.kinematics), own)) < DIFFERENCED
 
 
-def test_what_the_differencing_leaves_grows_with_the_square_of_the_cycle_time(robot):
+def test_error_of_differencing_grows_with_the_square_of_the_cycle_time(robot):
     left = []
     for cycle in (1e-3, 2e-3, 4e-3):
         slow = robot.replace(bus__cycle_time_s=cycle)
@@ -170,7 +170,7 @@ def test_the_first_order_predicts_the_deviation_of_a_small_error(robot, experime
         assert rest <= 2e-3 * np.abs(change).max()
 
 
-def test_what_the_first_order_leaves_grows_with_the_square_of_the_error(robot, experiments):
+def test_error_of_the_first_order_grows_with_the_square_of_the_length_error(robot, experiments):
     own = experiments[0]
     exact = joint_motion(own, robot.kinematics).velocity
     rest = []
@@ -277,7 +277,7 @@ def test_every_length_1_mm_off_is_the_worst_that_signs_can_make(robot, experimen
     assert worst[1] <= 1.05 * bound['acceleration']['of_peak']
 
 
-def test_leaving_out_what_depends_on_velocity_matters_only_in_motion(robot, experiments):
+def test_omission_of_velocity_terms_matters_only_in_motion(robot, experiments):
     own = experiments[0]
     resting = dataclasses.replace(own, tcp_velocity=np.zeros_like(own.tcp))
     right = joint_motion(resting, robot.kinematics).acceleration
@@ -368,7 +368,7 @@ def test_inside_the_workspace_the_condition_explains_little(robot):
     assert inside['recorded']['largest'] < 1.5 * inside['recorded']['least']
 
 
-def test_recorded_set_points_give_what_the_program_gives_but_for_increments(robot, trace, experiments):
+def test_recorded_set_points_reproduce_the_program_up_to_increments(robot, trace, experiments):
     recorded = motion.of_trace(trace, robot, Signals.COMMAND, 'recording')
     velocity, acceleration = largest(joint_motion(recorded, robot.kinematics), recorded)
     assert velocity < RECORDED_PERCENT
@@ -392,7 +392,7 @@ def test_errors_of_the_built_arms_show_in_the_true_motion_only(robot):
     assert largest(joint_motion(true, built.kinematics), true)[0] > RECORDED_PERCENT / 2.0
 
 
-def test_gaps_of_a_recording_are_left_out_and_spoil_nothing(robot, trace):
+def test_gaps_of_a_recording_are_left_out_without_effect_on_the_rest(robot, trace):
     keep = np.ones(len(trace.time_s), dtype=bool)
     keep[400:460] = False
     holed = Trace(
@@ -405,7 +405,7 @@ def test_gaps_of_a_recording_are_left_out_and_spoil_nothing(robot, trace):
     assert np.allclose(whole.thetaddot[shared], rest.thetaddot)
 
 
-def test_a_csv_file_gives_what_the_trace_gives(robot, trace, tmp_path):
+def test_csv_file_gives_the_same_result_as_the_trace(robot, trace, tmp_path):
     trace_csv.write(trace, tmp_path / 'run.csv')
     trace.save(tmp_path / 'run.npz')
     a, b = (motion.load(str(tmp_path / name), robot, Signals.COMMAND) for name in ('run.csv', 'run.npz'))
@@ -480,7 +480,7 @@ def test_other_causes_are_drawn_with_the_inexact_lengths_and_exceed_them(experim
     assert 'Errors of centimetres are implausible' in acceleration.get_xlabel()
 
 
-def test_figures_draw_the_other_causes_over_time_and_note_that_none_is_35_mm_off(experiments, robot):
+def test_figures_draw_the_other_causes_over_time_and_report_that_none_reaches_35_mm(experiments, robot):
     own, exact = experiments[2], robot.kinematics
     wrong = joint_motion(own, inexact(exact, {'R_A': 0.035}))
     found = courses(own, exact)
@@ -546,9 +546,7 @@ def test_bad_input_is_rejected_in_a_sentence(arguments, status, sentence, capsys
 
 
 @pytest.mark.parametrize('signals', some(['actual', 'true'], ['true']))
-def test_the_command_compares_the_signals_and_the_pose_that_are_asked_for(
-    signals, robot, trace, tmp_path, capsys
-):
+def test_command_compares_the_requested_signals_and_pose(signals, robot, trace, tmp_path, capsys):
     trace.save(tmp_path / 'run.npz')
     arguments = ['--signals', signals, '--pose', 'inverse', '--error', 'R_A=0.01', '--error', 'l_A=-0.002']
     assert (

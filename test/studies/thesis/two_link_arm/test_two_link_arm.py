@@ -116,7 +116,7 @@ def test_branches_mirror_each_other_and_are_named_by_the_elbow(arm):
     assert (kinematics.elbow(kinematics.inverse(ahead, arm, Branch.ELBOW_UP), arm)[:, 1] > 0.0).all()
 
 
-def test_a_branch_goes_by_its_name_and_no_other():
+def test_branch_is_selected_by_its_name_only():
     assert np.array_equal(
         kinematics.inverse((0.5, 0.2), ARM, 'elbow up'),
         kinematics.inverse((0.5, 0.2), ARM, Branch.ELBOW_UP),
@@ -135,7 +135,7 @@ def test_the_branches_meet_on_the_singular_circles(arm):
 
 
 @pytest.mark.parametrize('x', [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
-def test_equal_links_reach_their_own_base_and_what_is_near_it(x):
+def test_equal_links_reach_their_base_and_its_neighbourhood(x):
     arm = TwoLinkArm(0.5, 0.5)
     for branch in Branch:
         theta = kinematics.inverse((x, 0.0), arm, branch)
@@ -196,7 +196,7 @@ def test_the_stretched_and_the_folded_arm_are_singular(theta_2, shape):
         kinematics.joint_speeds([(0.3, 1.0), (0.3, theta_2)], (1.0, 0.0), ARM)
 
 
-def test_nothing_between_is_singular():
+def test_no_configuration_between_the_limits_is_singular():
     theta_2 = np.linspace(1e-5, np.pi - 1e-5, 1001)
     assert not kinematics.is_singular(poses(np.concatenate([-theta_2, theta_2]))).any()
 
@@ -281,7 +281,7 @@ def test_the_lines_of_the_figure_keep_their_clearance_from_both_singular_circles
         assert speeds == sorted(speeds)  # the nearer, the faster
 
 
-def test_figures_that_cannot_be_written_get_one_sentence(tmp_path):
+def test_unwritable_figures_give_one_message(tmp_path):
     (tmp_path / 'file').write_text('')
     folder = ReportFolder(tmp_path / 'file', Provenance.of('test'))
     with pytest.raises(FigureError, match=r'^cannot write figures to .*file: File exists$'):
@@ -369,7 +369,7 @@ def test_the_command_rejects_with_one_sentence(arguments, sentence, capsys):
 
 
 @pytest.mark.parametrize('value', ['nan', 'inf', 'far', '1e300'])
-def test_the_command_takes_numbers_only(value, capsys):
+def test_command_accepts_numbers_only(value, capsys):
     with pytest.raises(SystemExit) as end:
         main(['two-link', '--velocity', value, '0'])
     assert end.value.code == 2
