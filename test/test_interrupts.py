@@ -157,7 +157,7 @@ def assert_one_sentence(errors, expected):
 
 
 @pytest.mark.parametrize('name', some(OFFLINE, IN_EACH_RUN))
-def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, files, tmp_path):
+def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_message(name, files, tmp_path):
     arguments = [text.format(**files) for text in OFFLINE[name]]
     reach_s, interrupted = REACH_S, 0
     # denser at the begin: imports, kernels and the first work come one after the other there
@@ -187,7 +187,7 @@ def test_end_by_another_signal_is_reported_with_its_own_status(name, number, sta
     assert_one_sentence(errors, f'ended by {number.name}')
 
 
-def test_thirty_times_ctrl_c_is_one_sentence_too(files, tmp_path):
+def test_thirty_times_ctrl_c_gives_one_message_too(files, tmp_path):
     for name in ('simulate', 'jacobian'):
         process = start([text.format(**files) for text in OFFLINE[name]], tmp_path)
         for _ in range(30):
@@ -323,7 +323,7 @@ def test_error_in_the_code_keeps_its_traceback():
         (interrupts.Interrupted(signal.SIGHUP), 'ended by SIGHUP'),
     ],
 )
-def test_errors_of_the_machine_are_one_sentence(error, sentence, capfd):
+def test_system_errors_give_one_message(error, sentence, capfd):
     def work():
         raise error
 

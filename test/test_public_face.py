@@ -30,7 +30,7 @@ def test_all_documented_names_exist():
         _ = d3.nobody
 
 
-def test_the_import_itself_loads_nothing_heavy(tmp_path):
+def test_import_loads_no_heavy_packages(tmp_path):
     program = 'import sys, delta3_pacdrive; print(*sys.modules)'
     command = [sys.executable, '-P', '-c', program]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)

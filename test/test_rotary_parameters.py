@@ -33,9 +33,7 @@ from delta3_pacdrive.errors import ParameterError
         ),
     ],
 )
-def test_values_of_a_rotary_axis_that_contradict_one_another_are_rejected_if_there_is_one(
-    changes, sentence, robot
-):
+def test_contradictory_values_of_a_rotary_axis_are_rejected_if_it_is_present(changes, sentence, robot):
     changes = {f'rotary__{name}': value for name, value in changes.items()}
     assert not robot.replace(**changes).rotary.present
     with pytest.raises(ParameterError) as refused:

@@ -194,7 +194,7 @@ def test_with_the_encoding_of_windows_without_a_home_and_one_column_wide_every_c
 
 
 @pytest.mark.long
-def test_every_command_ends_in_one_sentence_without_writable_folder_and_reader(files, tmp_path):
+def test_every_command_ends_with_one_message_without_writable_folder_and_reader(files, tmp_path):
     def run(lines):
         return [afresh(arguments, '/proc', OF_WINDOWS, '| head -0') for arguments, _ in lines]
 
@@ -250,7 +250,7 @@ def foreign(folder, library, code):
         pytest.param('numba', '__version__ = "0.1"', marks=pytest.mark.long),
     ],
 )
-def test_incompatible_library_first_on_the_path_is_named_in_one_sentence(library, code, files, tmp_path):
+def test_incompatible_library_first_on_the_path_is_named_in_one_message(library, code, files, tmp_path):
     environment = foreign(tmp_path / 'foreign', library, code)
     names = sorted(main.OF_ROBOTS) if library == 'rclpy' else list(main.COMMANDS)
     lines = [CALLS.get(name, [name]) for name in names if name not in SLOW]
@@ -287,7 +287,7 @@ OF_NAMESPACES = {
 
 
 @pytest.mark.parametrize('name', with_namespace())
-def test_an_invalid_namespace_is_one_sentence(name, tmp_path, monkeypatch, capfd):
+def test_invalid_namespace_gives_one_message(name, tmp_path, monkeypatch, capfd):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(110 + os.getpid() % 100))

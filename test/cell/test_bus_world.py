@@ -171,7 +171,7 @@ PASSING = {
 }  # fmt: skip
 
 
-def test_a_cell_that_is_up_for_long_keeps_no_part_that_is_over_and_its_counts_stay_right():
+def test_long_running_cell_stores_no_finished_parts_and_keeps_correct_counts():
     bench = Bench(PASSING)
     for _ in range(40):
         bench.run(20, outputs=1)

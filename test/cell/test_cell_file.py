@@ -168,7 +168,7 @@ def test_several_errors_are_reported_together_with_the_name_of_the_file(tmp_path
     assert 'did you mean gripper?' in told[1]
 
 
-def test_a_file_that_is_not_there_is_one_sentence(tmp_path):
+def test_nonexistent_file_gives_one_message(tmp_path):
     with pytest.raises(CellError, match=r'cannot read cell file .*none\.yaml: No such file'):
         cell_file.load(tmp_path / 'none.yaml')
 

@@ -109,7 +109,7 @@ def test_dwell_records_give_position_and_rotation_of_a_gripped_part_in_every_cyc
     assert np.abs(np.diff(places, axis=0)).max() < 1e-3  # it jumps nowhere
 
 
-def test_a_part_that_is_put_on_a_belt_rides_as_it_was_turned():
+def test_part_placed_on_a_belt_keeps_its_angle():
     document = {name: DOCUMENT[name] for name in ('cup', 'parts', 'supplies')} | {'belts': {'line': BELT}}
     hand = Turner(document)
     hand.carry()

@@ -57,7 +57,7 @@ def test_options_incompatible_with_a_cell_are_rejected(files, arguments, told, c
     assert told in capsys.readouterr().err
 
 
-def test_a_cell_that_is_wrong_is_one_sentence(files, capsys):
+def test_invalid_cell_gives_one_message(files, capsys):
     (files / 'c.yaml').write_text('cups: 3\n')
     assert simulate.main(['p.yaml', '--cell', 'c.yaml']) == 1
     assert "error: c.yaml:1:1: cell: unknown key 'cups', expected one of" in capsys.readouterr().err

@@ -48,7 +48,7 @@ def test_the_model_is_of_the_parameters_that_are_named(tmp_path, capsys, robot):
     assert text == urdf(other) != urdf(robot)
 
 
-def test_unwritable_file_and_unknown_format_are_one_sentence(tmp_path, capsys):
+def test_unwritable_file_and_unknown_format_give_one_message(tmp_path, capsys):
     assert export.main(['mjcf', '--output', str(tmp_path / 'absent' / 'model.xml')]) == 1
     error = capsys.readouterr().err
     assert error.startswith('error: cannot write ')

@@ -31,7 +31,7 @@ def test_without_a_place_it_is_home(robot, capsys):
     assert result(capsys)[1]['point_m'] == list(robot.motion.home_m)
 
 
-def test_a_place_where_the_robot_may_not_be_is_answered_with_status_1_and_a_sentence(capsys):
+def test_place_outside_the_workspace_gives_status_1_and_a_message(capsys):
     assert pose.main(['0.7', '0', '-0.9']) == 1
     output, errors = capsys.readouterr()
     assert 'condition' in output

@@ -50,7 +50,7 @@ BAD_PROGRAMS = {
 
 @pytest.mark.parametrize('case', BAD_PROGRAMS)
 @pytest.mark.parametrize('command', ['run', 'simulate'])
-def test_a_bad_program_is_one_sentence(command, case, refused, tmp_path):
+def test_invalid_program_gives_one_message(command, case, refused, tmp_path):
     text, expected = BAD_PROGRAMS[case]
     program = tmp_path / 'bad.yaml'
     program.write_text(text)
@@ -94,7 +94,7 @@ def files(tmp_path):
         (['soak', '--replay', '3'], 2, '--replay takes the number of a program, from 1, and requires --pace'),
     ],
 )
-def test_bad_arguments_are_one_sentence(arguments, status, expected, refused, files):
+def test_invalid_arguments_give_one_message(arguments, status, expected, refused, files):
     found, errors = refused([argument.format(**files) for argument in arguments])
     assert found == status
     assert expected in errors
@@ -129,7 +129,7 @@ def test_options_that_an_action_does_not_obey_are_rejected_by_name(arguments, re
         ),
     ],
 )
-def test_a_wrong_request_is_one_sentence(arguments, sentence, refused):
+def test_wrong_request_gives_one_message(arguments, sentence, refused):
     assert refused(['move', *arguments]) == (1, sentence)
 
 

@@ -32,7 +32,7 @@ MESSAGES = [
 
 
 @pytest.mark.parametrize('message', MESSAGES, ids=lambda m: type(m).__name__)
-def test_a_message_reads_back_as_it_was_written(message) -> None:
+def test_message_is_read_back_unchanged(message) -> None:
     assert type(message).from_json(message.to_json()) == message
 
 

@@ -123,7 +123,7 @@ def test_program_starts_after_the_queue(new_rig: Callable[[], Any]) -> None:
 
 
 @pytest.mark.parametrize('override', ['100', '30'])
-def test_sentences_name_an_override_other_than_100_percent(override: str, new_rig: Callable[[], Any]) -> None:
+def test_messages_name_an_override_other_than_100_percent(override: str, new_rig: Callable[[], Any]) -> None:
     rig = new_rig()
     rig.enable()
     at = '' if override == '100' else ' at 30 %'
@@ -242,7 +242,7 @@ def test_the_only_moves_in_the_queue_are_removed_by_a_withdrawal_once(new_rig: C
     assert sentence.startswith('it was carried out before it could be withdrawn')
 
 
-def test_moves_with_successors_cannot_be_cancelled_and_the_reply_says_so(
+def test_moves_with_successors_cannot_be_cancelled_and_the_reply_reports_it(
     new_rig: Callable[[], Any],
 ) -> None:
     rig = new_rig()
@@ -260,7 +260,7 @@ def test_moves_with_successors_cannot_be_cancelled_and_the_reply_says_so(
 @pytest.mark.parametrize(
     ('action', 'text'), [('start', ''), ('start', STEP), ('move', STEP), ('override', '70')]
 )
-def test_executed_request_cannot_be_cancelled_and_the_reply_says_so(
+def test_executed_request_cannot_be_cancelled_and_the_reply_reports_it(
     action: str, text: str, new_rig: Callable[[], Any]
 ) -> None:
     rig = new_rig()

@@ -34,7 +34,7 @@ def size_of(path):
 
 
 @pytest.mark.long
-def test_every_picture_that_is_kept_is_drawn_anew_in_its_size(drawn):
+def test_every_stored_picture_is_redrawn_in_its_size(drawn):
     names = {path.name for path in drawn.iterdir()}
     assert names == {path.name for path in FIGURES.glob('*.png')}
     for name in names:

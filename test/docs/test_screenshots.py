@@ -41,7 +41,7 @@ def test_every_screenshot_is_shown_and_the_round_is_one():
 
 
 @pytest.mark.long
-def test_every_screenshot_can_be_taken_anew(browser, tmp_path):
+def test_every_screenshot_is_reproducible(browser, tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != 'PYTHONSAFEPATH'}
     command = [sys.executable, SCREENSHOTS / 'take.py', tmp_path, '--draft']
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=1100)

@@ -31,7 +31,7 @@ def run(tmp_path):
     return numbers
 
 
-def test_examples_are_short_begin_with_a_sentence_and_have_a_test_each():
+def test_examples_are_short_have_a_docstring_and_a_test_each():
     texts = {path.stem: path.read_text(encoding='utf-8') for path in EXAMPLES.glob('*.py')}
     assert len(texts) >= 10
     assert {name: text.count('\n') for name, text in texts.items() if text.count('\n') > LINES_MAX} == {}
@@ -354,7 +354,7 @@ def test_nominal_and_built_robot(run):
     assert current_built > current
 
 
-def test_custom_page(run):
+def test_your_own_page(run):
     pytest.importorskip('viser', reason='the page needs the extra "view"')
     output, _ = run('your_own_page', '1')
     assert re.fullmatch(r'look at http://127\.0\.0\.1:\d+\n', output)

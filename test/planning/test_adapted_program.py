@@ -56,7 +56,7 @@ def test_robot_carries_its_payload_at_that_time(robot, first, payload_kg):
     assert rest_of(read(robot), first, robot).payload_kg == payload_kg
 
 
-def test_from_its_first_statement_a_program_is_as_it_is(robot):
+def test_program_from_its_first_statement_is_unchanged(robot):
     program = read(robot, repeat=3)
     assert rest_of(program, 0, robot) is program
     assert adapted(program, Adaptation(), robot) is program

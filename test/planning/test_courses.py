@@ -33,7 +33,7 @@ def test_moves_on_the_same_path_carry_their_own_payload_from_its_grip_on(robot):
         np.testing.assert_array_equal(differs, planner.places >= at_m)
 
 
-def test_a_motion_is_evaluated_once_and_another_one_anew(robot):
+def test_each_motion_is_evaluated_once(robot):
     planner = MovePlanner(line(FROM, TO), [(LENGTH_M, FAST)], HELD, robot)
     fast, slow = (plan_master(LENGTH_M, speed, 10.0, 500.0) for speed in (1.0, 0.5))
     first = planner.dynamics(fast)

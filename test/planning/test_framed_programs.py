@@ -110,7 +110,7 @@ moves:
     assert arch.keep_out.height_m == pytest.approx(-0.82)  # nothing of the tool comes below -0.88 m
 
 
-def test_a_named_point_is_a_place_that_stays_where_it_is(load):
+def test_named_point_is_a_fixed_place(load):
     text = f"""{HEAD}{PATTERNS}frame: table
 points:
   pick: [0.1, 0.0, 0.05]

@@ -354,7 +354,7 @@ def test_a_program_that_starts_with_the_tool_elsewhere_is_rejected(machine):
         program_planner.plan(program, START, machine, turns_rad=(math.radians(90.0),))
 
 
-def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_then(machine):
+def test_program_that_starts_in_the_middle_starts_with_the_tool_angle_of_that_place(machine):
     moves = [
         {'move_l': {'to_m': THERE, 'turn_deg': 30}},
         {'turn': {'to_deg': {'by_deg': 15}}},

@@ -141,7 +141,7 @@ def test_columns_of_a_matlab_file_may_be_separate(tmp_path):
         (bytes(range(256)) * 4, 'cannot read trace'),
     ],
 )  # fmt: skip
-def test_other_files_of_that_name_get_one_sentence(content, sentence, tmp_path):
+def test_other_files_of_that_name_are_rejected_with_one_message(content, sentence, tmp_path):
     (tmp_path / 'a.mat').write_bytes(content)
     with pytest.raises(TraceError, match=sentence) as caught:
         trace_file.load(tmp_path / 'a.mat')

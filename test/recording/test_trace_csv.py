@@ -141,7 +141,7 @@ def test_neighbour_file_of_another_run_is_ignored(tmp_path):
 @pytest.mark.parametrize(
     'text', ['', '[]', '{"notes": []}', '{"notes": [{"delta3_pacdrive": 3}]}', 'null', '\xff']
 )
-def test_damaged_neighbour_file_is_reported_in_one_sentence(text, tmp_path):
+def test_damaged_neighbour_file_is_reported_with_one_message(text, tmp_path):
     path = written(tmp_path / 'run.csv')
     (tmp_path / 'run.csv-metadata.json').write_bytes(text.encode('latin-1'))
     with pytest.raises(

@@ -241,7 +241,7 @@ def test_invalid_program_gives_one_message_and_leaves_the_robot_ready(cell: Cell
     assert cell.path()[-1] == pytest.approx([ALONG, 0.0, -0.75], abs=1e-12)
 
 
-def test_a_bad_move_leaves_the_queue_as_it_was(cell: Cell) -> None:
+def test_invalid_move_leaves_the_queue_unchanged(cell: Cell) -> None:
     cell.operator.send_program(LINE)
     refusal(cell, lambda: cell.operator.send_program('moves: [{move_l: {to_m: [0, 0, -0.5]}}]'))
     cell.operator.call('start')

@@ -14,7 +14,7 @@ NARROW_RAD = 1e-6  # of a shaft: less than an increment of its encoder
 PATIENCE_S = 0.05
 
 
-def test_a_move_that_does_not_arrive_fails_with_its_sentence(
+def test_move_that_does_not_arrive_fails_with_its_message(
     graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = {'motion__in_position_timeout_s': PATIENCE_S, 'motion__start_cycle': -1}

@@ -68,7 +68,7 @@ def test_a_move_is_driven_and_its_id_is_followed_to_the_end(cell: Cell) -> None:
     assert (states[:2], states[-1]) == (['planning', 'queued'], 'done')
 
 
-def test_each_rejection_has_its_id_code_and_sentence(cell: Cell) -> None:
+def test_each_rejection_has_an_id_a_code_and_a_message(cell: Cell) -> None:
     refused = [cell.move('move_l: {to_m: [0.0, 0.0, -8.0]}'), cell.move(''), cell.move('[' * 60)]
     assert not any(accepted for accepted, _ in refused)
     assert [answer['code'] for _, answer in refused] == ['content'] * 3
@@ -225,7 +225,7 @@ def test_a_request_that_is_not_waited_for_leaves_no_moves(cause: type[BaseExcept
         ('control', '', '; "enable" may still be executed'),
     ],
 )
-def test_error_of_an_unanswered_request_says_if_it_may_still_be_executed(
+def test_error_of_an_unanswered_request_reports_if_it_may_still_be_executed(
     whom: str, answer: str, says: str, graph: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_client, 'PATIENCE_S', 0.3)

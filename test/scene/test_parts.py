@@ -76,7 +76,7 @@ def test_a_page_gets_numbers_names_and_lists(robot):
             assert np.linalg.norm(shape['quaternion']) == pytest.approx(1.0)
 
 
-def test_rotations_of_shapes_follow_one_another():
+def test_rotations_of_shapes_are_composed():
     from scipy.spatial.transform import Rotation
 
     for p, q in [(about_z(0.7), ALONG_Y), (ALONG_X, about_z(-2.0)), (ALONG_Y, ALONG_X)]:

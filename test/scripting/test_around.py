@@ -98,7 +98,7 @@ def test_a_cell_is_a_file_a_mapping_or_a_cell_and_has_one_name(robot, tray):
 
 
 @pytest.mark.parametrize('given', [5, ['cell.yaml'], b'cell.yaml'])
-def test_invalid_cell_is_rejected_in_one_sentence(robot, given):
+def test_invalid_cell_is_rejected_with_one_message(robot, given):
     with pytest.raises(CellError, match='must be a file, the mapping'), scripting.simulate(robot, cell=given):
         pass
     with pytest.raises(CellError, match='must be a file, the mapping'):

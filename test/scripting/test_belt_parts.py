@@ -148,7 +148,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('case', WRONG)
-def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
+def test_invalid_call_is_rejected_with_one_message(robot, case):
     call, sentence = WRONG[case]
     with (
         scripting.simulate(robot, cell=around([speed_of(0.5)], 1)) as called,

@@ -296,7 +296,7 @@ MISUSED = {
 
 
 @pytest.mark.parametrize('case', MISUSED)
-def test_a_call_that_makes_no_sense_is_rejected_in_one_sentence(robot, case):
+def test_invalid_call_is_rejected_with_one_message(robot, case):
     call, sentence = MISUSED[case]
     with (
         scripting.simulate(robot, cell=around(SLOW, 1)) as called,

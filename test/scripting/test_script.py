@@ -108,7 +108,7 @@ def test_simulate_runs_a_script(folder, shell):
     assert begin == trace.meta['start_cycle'] == 102 + 400 + 18
 
 
-def test_simulate_reports_an_error_in_one_sentence_and_keeps_the_trace(folder, shell):
+def test_simulate_reports_an_error_in_one_message_and_keeps_the_trace(folder, shell):
     (folder / 'cell.yaml').write_text('name: own\ninputs: {part: {changes: [{after_s: 9, value: true}]}}\n')
     done = shell('delta3 simulate pick.py --cell ./cell.yaml --trace run.npz')
     assert done.returncode == 1

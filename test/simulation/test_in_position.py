@@ -124,7 +124,7 @@ def test_a_blend_cannot_wait(robot):
         parse(robot, [to(0.1, 0.0, -0.8, in_position='yes')])
 
 
-def test_an_output_before_the_end_of_a_stop_that_waits_stays_where_it_is(robot):
+def test_output_before_the_end_of_a_waiting_stop_keeps_its_time(robot):
     moves = [
         to(0.1, 0.0, -0.8, in_position=True),
         output(before_m=0.01),

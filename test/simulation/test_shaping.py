@@ -78,7 +78,7 @@ def test_shaping_does_not_shorten_settling_because_friction_causes_creep(kind, e
     assert told_ms == pytest.approx(expected_ms, abs=1)
 
 
-def test_in_another_direction_it_is_as_much(built):
+def test_vibration_in_another_direction_is_equal(built):
     where = {'start': (-0.2, -0.15, -0.85), 'end': (0.2, 0.15, -0.85)}
     _, before = stopped(built, 'none', **where)
     _, after = stopped(built, 'smooth', **where)

@@ -34,7 +34,7 @@ def test_nodes_give_the_report_of_the_simulation_except_unpublished_values(
     assert {'bag_model', 'bag_robot', 'signals.csv'} <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_nodes_that_cannot_run_are_one_sentence_and_leave_no_bag(tmp_path: Path) -> None:
+def test_nodes_that_cannot_run_give_one_message_and_leave_no_bag(tmp_path: Path) -> None:
     program = tmp_path / 'far.yaml'
     program.write_text('moves: [{move_l: {to_m: [3.0, 0.0, -0.8]}}]')
     robots = {'model': parameters.config_directory() / parameters.DEFAULT_FILE}

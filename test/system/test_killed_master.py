@@ -29,7 +29,7 @@ KILLED = '{fault: kill, node: transformation_task}'
 
 
 @pytest.mark.long
-def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_is_reset(
+def test_cell_with_a_killed_master_ends_its_script_and_works_after_reset(
     start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     tmp_path: Path,

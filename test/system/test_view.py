@@ -253,7 +253,7 @@ def test_a_page_that_ignores_every_signal_does_not_outlive_the_run_that_has_star
 
 
 @pytest.mark.long
-def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_left_behind: None) -> None:
+def test_page_without_a_robot_ends_with_one_message(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('view', '--namespace', 'nobody')
     assert done.returncode == 1
     sentence = 'error: no robot is up in namespace /nobody (delta3 up)'

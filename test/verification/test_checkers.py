@@ -369,7 +369,7 @@ def test_evidence_names_deviation_and_amount():
     assert loaded(record(coupling=np.full(QUIET, -1.75))) == 'carries 1.75 N m'
 
 
-def test_single_cycle_is_no_evidence_of_a_load():
+def test_evidence_of_a_load_needs_more_than_a_single_cycle():
     spike = np.full(QUIET, 0.3)
     spike[100] = 5.0
     assert burdened(record(torque=spike)) == ''

@@ -98,7 +98,7 @@ def test_a_ghost_that_no_arms_reach_is_only_a_plate(robot):
     assert not scene.nodes['/ghost/arm1'].visible
 
 
-def test_a_fault_flashes_where_it_is(robot):
+def test_fault_flashes_at_its_axis(robot):
     scene = Scene()
     figure = Figure(scene, robot)
     lit = lambda: {path for path, node in scene.nodes.items() if path.startswith('/alarm/') and node.visible}  # noqa: E731

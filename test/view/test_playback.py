@@ -101,7 +101,7 @@ def test_readout_is_that_of_its_time(run):
     assert last.sources == ('axis2',)
 
 
-def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, robot):
+def test_tool_of_a_rotary_axis_is_shown_at_its_recorded_angle(run, tmp_path, robot):
     text = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.8], turn_deg: 60}}]'
     (tmp_path / 'p.yaml').write_text(text)
     turning = robot.replace(rotary__present=True)
@@ -116,7 +116,7 @@ def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, ro
     assert Film(run).at(row).turns == ()
 
 
-def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
+def test_part_on_a_rotary_axis_is_shown_at_its_recorded_angle(tmp_path, robot):
     (tmp_path / 'p.yaml').write_text("""
         start_m: [-0.1525, 0.0, -0.85]
         payload_kg: 0.0

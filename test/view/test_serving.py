@@ -39,7 +39,7 @@ def chosen(host, port=None):
         return place.port
 
 
-def test_a_port_that_is_taken_is_rejected_in_one_sentence(taken):
+def test_occupied_port_is_rejected_with_one_message(taken):
     with pytest.raises(
         RunError, match=f'^cannot serve the page on port {taken} of .*: Address already in use$'
     ):
@@ -105,7 +105,7 @@ def test_a_process_finds_the_listener_that_it_was_handed(monkeypatch):
         assert serving.LISTENING not in os.environ
 
 
-def test_exhausted_ports_are_reported_in_one_sentence():
+def test_exhausted_ports_are_reported_with_one_message():
     with ExitStack() as stack:
         for _ in range(serving.PORTS):
             stack.enter_context(serving.held(serving.HOST, None))

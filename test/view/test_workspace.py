@@ -41,7 +41,7 @@ def test_volume_is_distinguished_from_other_files(path, tmp_path):
 
 
 @pytest.mark.parametrize('absent', ['about', 'z_m', SPEED])
-def test_a_volume_that_lacks_something_is_rejected_in_one_sentence(absent, path, tmp_path):
+def test_incomplete_volume_is_rejected_with_one_message(absent, path, tmp_path):
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files if name != absent}
     if absent == SPEED:
@@ -101,7 +101,7 @@ def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
         page.close()
 
 
-def test_each_choice_of_a_volume_draws_its_slices_anew(volume):
+def test_each_choice_of_a_volume_redraws_its_slices(volume):
     page = MagicMock()
     page.server.gui = gui = Gui()
     Slices(page, volume)

@@ -53,7 +53,7 @@ def test_cycle_by_cycle_it_has_the_same_bits(places, robot):
                 assert values == whole[name][cycle - 2].tolist(), (name, cycle)
 
 
-def test_record_starts_anew_after_a_gap(places, robot):
+def test_record_restarts_after_a_gap(places, robot):
     on_line = JointMotion(robot)
     known = [on_line.take(cycle, places[cycle]) for cycle in (0, 1, 2, 4, 5, 6, 7, 7, 8, 9)]
     assert known == [False, False, True, False, False, True, True, False, False, True]

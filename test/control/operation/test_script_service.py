@@ -197,7 +197,7 @@ def test_abort_rejected_at_rest_leaves_the_script_waiting(node, called):
     assert node.replies == []
 
 
-def test_a_fault_ends_a_wait_with_its_sentence(node, called):
+def test_fault_ends_a_wait_with_its_message(node, called):
     moving(node, called)
     node.controller.state.emergency_stop()
     node.controller.poll(1.0)

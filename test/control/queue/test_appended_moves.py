@@ -197,7 +197,7 @@ def test_moves_that_follow_are_given_up_with_the_program(service: str, later: in
     assert np.abs(driver.tcp[-1] - [0.0, 0.06, -0.75]).max() < 1e-7
 
 
-def test_an_override_and_moves_that_follow_do_not_disturb_one_another(driver: Driver) -> None:
+def test_override_and_following_moves_are_independent(driver: Driver) -> None:
     driver.ask(ALONG % ', blend_m: 0.02')
     for n, percent in enumerate((50, 120, 80, 150)):
         driver.ask(str(percent), 'override')
@@ -210,7 +210,7 @@ def test_an_override_and_moves_that_follow_do_not_disturb_one_another(driver: Dr
     assert np.abs(driver.tcp[-1] - [0.0, 0.06, -0.75]).max() < 1e-7
 
 
-def test_a_rejection_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None:
+def test_rejection_does_not_affect_the_running_program(driver: Driver) -> None:
     driver.ask(ALONG % ', blend_m: 0.02')
     before = driver.rig.task.timeline
     refused = (

@@ -134,7 +134,7 @@ def test_moves_may_be_written_as_one_as_a_list_as_a_program_or_by_name(
         ('{move_l: {to_m: [0.1, 0.0, -8.0]}}', 'z is -8 m'),
     ],
 )
-def test_moves_that_are_wrong_are_rejected_in_a_sentence_and_leave_the_queue(
+def test_invalid_moves_are_rejected_with_a_message_and_keep_the_queue(
     text: str, expected: str, robot
 ) -> None:
     client = Client(robot)

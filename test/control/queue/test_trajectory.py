@@ -141,7 +141,7 @@ def test_trajectory_planned_after_its_start_cycle_is_rejected(client, robot):
     assert client.none(Ordered)
 
 
-def test_a_rejected_trajectory_leaves_the_robot_as_it_was(client, robot):
+def test_rejected_trajectory_leaves_the_robot_unchanged(client, robot):
     client.ask('trajectory', trajectory(robot, by=2.0))
     client.plan()
     reason, _ = client.answer()

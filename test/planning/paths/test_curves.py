@@ -166,7 +166,7 @@ def test_a_line_is_straight_even_and_meets_its_ends(start, end):
     assert not change.any()
 
 
-def test_a_point_stays_where_it_is():
+def test_point_is_fixed():
     curve = curves.point([0.1, 0.2, -0.8])
     assert curve.length_m == 0.0
     assert curve.at(0.0).tolist() == [[0.1, 0.2, -0.8], [0.0] * 3, [0.0] * 3, [0.0] * 3]

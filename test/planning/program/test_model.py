@@ -358,7 +358,7 @@ BOMB = 'a: &a [x, x]\n' + '\n'.join(
     ],
     ids=['alias', 'bomb', 'open', 'twice', 'deep', 'large', 'object', 'nan', 'infinite', 'empty'],
 )
-def test_file_without_a_program_is_rejected_in_one_sentence(text, reason, robot, tmp_path):
+def test_file_without_a_program_is_rejected_with_one_message(text, reason, robot, tmp_path):
     assert reason in refusal(programs.load, written(tmp_path, text), robot.motion)
 
 

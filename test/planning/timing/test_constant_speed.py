@@ -156,7 +156,7 @@ def test_the_option_of_a_move_overrides_that_of_the_head(robot):
         ('arch', {'up_m': 0.001, 'down_m': 0.01}, 'moves[1].arch: constant_speed is not for arches'),
     ],
 )
-def test_a_path_that_cannot_mean_it_is_rejected(robot, kind, more, why):
+def test_path_unsuited_for_constant_speed_is_rejected(robot, kind, more, why):
     moves = [CORNER[0], (kind, CORNER[1][1] | more)]
     assert why in refusal(robot, CORNER_START, moves)
 

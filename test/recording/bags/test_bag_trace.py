@@ -365,7 +365,7 @@ def test_program_starts_with_its_motion_profile(profiles, starts, start, tmp_pat
 @pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])
 @settings(max_examples=examples(40))
 @given(data=st.data())
-def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, file, data):
+def test_changed_bytes_of_a_bag_are_read_or_rejected_with_one_message(tmp_path_factory, file, data):
     bag = record(tmp_path_factory.mktemp('changed') / 'bag', messages())
     content = bytearray((bag / file).read_bytes())
     for place in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1, max_size=3)):

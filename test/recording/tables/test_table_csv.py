@@ -290,7 +290,7 @@ def test_dates_over_the_end_of_a_day_and_in_a_time_zone(tmp_path):
         load(tmp_path / 'a.csv', text.replace('01-01T01:00:00,25+01:00', '02-30T01:00:00,25Z'))
 
 
-def test_text_of_windows_is_mentioned_wherever_it_is(tmp_path):
+def test_windows_1252_text_gives_a_notice(tmp_path):
     text = '# Größe\n' + lines()
     notice = 'Its text is not UTF-8; it is read as Windows-1252 (cp1252)'
     assert load(tmp_path / 'a.csv', text.encode('cp1252')).meta['notices'] == [notice]

@@ -136,7 +136,7 @@ def test_drive_without_mdt_stops_and_leaves(rig: Rig) -> None:
     assert not rig.on_bus.drive.powered
 
 
-def test_while_it_is_the_plant_that_is_waited_for_no_master_is_missed(rig: Rig) -> None:
+def test_master_is_not_reported_missing_while_the_plant_is_waited_for(rig: Rig) -> None:
     rig.run(10)
     rig.wait(3 * MASTER_SILENT_S)
     assert rig.losses == []

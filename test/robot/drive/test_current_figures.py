@@ -63,7 +63,7 @@ def test_the_bits_belong_to_the_bus_cycle_of_their_mdt(robot):
     assert drive.program_current() == pytest.approx(figures_of(samples[1]), rel=EXACT)
 
 
-def test_held_program_keeps_its_figures_and_the_next_one_starts_anew(robot):
+def test_held_program_keeps_its_figures_and_the_next_one_resets_them(robot):
     drive = enabled_drive(robot)
     first = drive_cycles(drive, [MEASURE] * 10)
     drive_cycles(drive, [PROGRAM] * 5, step=0.1)

@@ -183,7 +183,7 @@ def test_the_power_stays_on_until_the_brake_holds_and_no_longer(robot):
     assert held == 31  # 30 ms, and the cycle in which the output reaches the brake
 
 
-def test_an_overload_is_cleared_when_half_of_it_is_forgotten(robot):
+def test_overload_is_cleared_after_decay_to_half(robot):
     drive = MC4(robot)
     limit = robot.drive.overload_time_s
     until(drive, DriveState.ENABLED, 0.0)

@@ -205,7 +205,7 @@ def test_a_rate_is_every_nth_period(rate_hz, decimation, robot):
         (['axis1.S-0-0014'], 'cannot show S-0-0014'),
     ],
 )
-def test_undrawable_input_is_reported_in_one_sentence(texts, sentence):
+def test_undrawable_input_is_reported_with_one_message(texts, sentence):
     with pytest.raises(ParameterError, match=sentence.replace('.', r'\.')):
         chosen(texts)
 

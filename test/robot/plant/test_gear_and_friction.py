@@ -168,7 +168,7 @@ def test_shaft_at_rest_breaks_away_only_beyond_its_stiction(direction, robot):
     assert (direction * (shafts(plant)[0] - start) > 20.0 * plant_robot.rich.presliding_rad).all()
 
 
-def test_a_load_that_friction_holds_stays_where_it_is(robot):
+def test_load_held_by_friction_does_not_move(robot):
     plant_robot = with_only(robot, 'friction', rich__break_away_torque_n_m=0.5)
     plant = released_plant(plant_robot)
     drive(plant, 500)

@@ -278,7 +278,7 @@ def test_a_loss_is_forgotten_with_a_hundred_good_answers(master):
 
 
 @pytest.mark.parametrize(('follows', 'not_following'), [(0, True), (int(Status.FOLLOWS_COMMAND), False)])
-def test_faulted_axis_follows_only_if_its_status_says_so(follows, not_following, master):
+def test_faulted_axis_follows_only_with_the_bit_of_its_status(follows, not_following, master):
     master.accept(0, [0.0, 0.0, 0.0], int(Status.ERROR | Status.IN_TORQUE) | follows)
     fault = master.check(7, 10**6)
     assert (fault.fault.sentence, fault.not_following) == (

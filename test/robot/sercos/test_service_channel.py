@@ -202,7 +202,7 @@ def test_an_echo_of_an_earlier_opening_does_not_open_the_channel():
 
 
 @pytest.mark.parametrize('cycle', range(40))
-def test_a_drive_that_starts_anew_in_the_middle_answers_truly(cycle):
+def test_drive_restarted_during_an_access_answers_correctly(cycle):
     memory = Memory()
     ring = Ring(memory, 2, 2)
     for value in (1.0, 2.0):

@@ -53,7 +53,7 @@ def test_total_silence_ends_in_errors_as_soon_as_it_is_checked():
     assert master.to_send() == IDLE
 
 
-def test_a_full_queue_rejects_in_one_sentence_and_stays_as_it_is():
+def test_full_queue_rejects_with_one_message_and_is_unchanged():
     ring = Ring(Memory())
     for number in range(WAITING_MAX):
         ring.master.request(Access(number, Operation.READ))

@@ -66,9 +66,7 @@ def test_a_file_of_zeros_is_a_clock_of_as_many_members_as_it_has_room_for(tmp_pa
     ],
     ids=['an odd size', 'of no robot', 'a program'],
 )
-def test_other_file_is_rejected_as_clock_and_stays_as_it_is(
-    tmp_path: Path, content: bytes, sentence: str
-) -> None:
+def test_other_file_is_rejected_as_clock_and_unchanged(tmp_path: Path, content: bytes, sentence: str) -> None:
     path = tmp_path / 'clock'
     path.write_bytes(content)
     with pytest.raises(RunError, match=f'clock is not a bus clock: {sentence}'):

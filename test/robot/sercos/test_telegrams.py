@@ -57,7 +57,7 @@ def test_telegram_of_another_session_is_rejected_with_both_names(parse: Callable
         parse()
 
 
-def test_sessions_are_drawn_anew_and_never_the_reserved_one() -> None:
+def test_sessions_are_random_and_never_the_reserved_one() -> None:
     drawn = {telegrams.new_session() for _ in range(200)}
     assert len(drawn) > 150
     assert telegrams.NO_SESSION not in drawn

@@ -267,7 +267,7 @@ def test_rejected_command_of_another_client_does_not_keep_a_jog_running(
     assert cell.state == 'idle'
 
 
-def test_a_button_that_is_pressed_anew_while_its_first_jog_is_sent_sets_one_jog_off_and_stops_it(
+def test_second_press_while_the_first_jog_is_sent_starts_one_jog_and_stops_it(
     cell: Cell,
 ) -> None:
     cell.takes_s['program'] = [2.0]

@@ -142,7 +142,7 @@ def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) 
     assert (facts.cycle, facts.payload_kg) == (17, parameters.PAYLOAD_MAX_KG)
 
 
-def test_invalid_plans_leave_the_path_as_it_was(graph: Any, reader: RobotReader) -> None:
+def test_invalid_plans_leave_the_path_unchanged(graph: Any, reader: RobotReader) -> None:
     plan = graph.listener.create_publisher(Float64MultiArray, 'motion/plan', PLAN_WRITER)
     told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
     graph.spin_until(lambda: plan.get_subscription_count() and told.get_subscription_count(), 'the reader')

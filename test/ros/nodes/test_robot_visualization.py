@@ -87,7 +87,7 @@ def test_cyclic_topics_are_read_for_viewers_only(shown: Shown) -> None:
     assert shown.read_while == {'joint_states', 'tcp/command', 'tcp/error'}
 
 
-def test_every_shape_of_every_part_is_shown_where_it_is(shown: Shown) -> None:
+def test_every_shape_of_every_part_is_shown_at_its_pose(shown: Shown) -> None:
     theta = kinematics.inverse([0.0, 0.15, -0.85], ROBOT)
     there, markers = poses(theta, ROBOT), shown.newest()
     for part in parts(ROBOT):

@@ -83,7 +83,7 @@ def test_fault_is_rejected_where_impossible_and_reported_with_the_cycle_of_its_s
     assert fault['cycles'] > fault['fault_cycle']
 
 
-def test_diagnostics_have_level_sentence_and_drive(graph: Any) -> None:
+def test_diagnostics_have_level_message_and_drive(graph: Any) -> None:
     arrays = graph.listen(DiagnosticArray, '/diagnostics', REPORT)
 
     def newest(name: str) -> Any:

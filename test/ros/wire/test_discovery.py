@@ -161,7 +161,7 @@ def test_peers_are_looked_for_and_listened_to_where_they_are_reached_and_nowhere
         ('x' * 300, 'which has no IPv4 address'),
     ],
 )
-def test_invalid_peer_is_rejected_in_one_sentence(peers, sentence, alone, monkeypatch):
+def test_invalid_peer_is_rejected_with_one_message(peers, sentence, alone, monkeypatch):
     monkeypatch.setenv(discovery.PEERS, peers)
     with pytest.raises(RunError, match=re.escape(sentence)) as refused:
         discovery.keep_to_this_machine()
@@ -257,7 +257,7 @@ def test_unverified_plan_is_rejected_unless_it_may_exceed_limits(alone, monkeypa
     assert discovery.exposure()
 
 
-def test_invalid_peer_is_reported_in_one_sentence(tmp_path):
+def test_invalid_peer_is_reported_with_one_message(tmp_path):
     environment = {
         key: value for key, value in os.environ.items() if key not in (discovery.PROFILE, discovery.RANGE)
     }

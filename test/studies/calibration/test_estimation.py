@@ -126,7 +126,7 @@ def test_three_touches_identify_the_homing_error_of_each_arm(touches, robot):
         assert abs(one.value - truth) < one.half_width
 
 
-def test_three_touches_of_one_arm_can_contradict_one_another(touches, robot):
+def test_three_touches_of_one_arm_can_be_contradictory(touches, robot):
     homing = np.concatenate([np.zeros(13), np.radians([-0.8]), np.zeros(1)])
     measured = probe(touches, robot, homing, noise_m=0.0)
     free = (model.ZEROS[1],)

@@ -90,7 +90,7 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
         ([TOUCH, '10,20,30,ball,-50'], 'measurement 1 of .*: the diameter of ball must be positive'),
     ],
 )
-def test_invalid_table_is_rejected_in_one_sentence(lines, sentence, tmp_path):
+def test_invalid_table_is_rejected_with_one_message(lines, sentence, tmp_path):
     with pytest.raises(CalibrationError, match=sentence):
         read(tmp_path, *lines)
 

@@ -99,7 +99,7 @@ def test_resistance_and_inductance_need_the_voltage(scope, bus, robot):
     assert hidden['K_m'].sensitivity > 1e2 * hidden['R'].sensitivity
 
 
-def test_residuals_know_whether_they_are_white():
+def test_whiteness_of_residuals_is_tested():
     noise = np.random.default_rng(3).standard_normal((4000, 3))
     coloured = noise.copy()
     for n in range(1, len(coloured)):

@@ -40,7 +40,7 @@ def compared():
     return BeforeAfter(time_s, course(0.0, 1e-4), course(0.5, 5e-4), course(0.25, 2e-4), 1e-3)
 
 
-def test_the_sentences_give_the_rms_of_model_less_robot_in_their_units(compared):
+def test_messages_give_the_rms_of_model_less_robot_in_their_units(compared):
     lines = before_after.sentences(compared)
     assert [line.partition(':')[0] for line in lines] == [
         'current', 'current below 60 Hz', 'norm of the TCP error',

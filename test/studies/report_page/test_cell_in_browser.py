@@ -96,7 +96,7 @@ def test_between_two_bus_cycles_a_part_is_between_its_places(opened, run):
 
 
 @pytest.mark.long
-def test_a_part_is_drawn_where_it_is(visit, run):
+def test_part_is_drawn_at_its_position(visit, run):
     visit.page.evaluate(ONLY_PARTS)
     background = None
     for time_s in INSTANTS_S[:4]:

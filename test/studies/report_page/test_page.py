@@ -231,7 +231,7 @@ def test_noise_that_would_make_the_page_too_large_is_rounded_more(one):
     assert np.abs(signals['current'] - part['current']).max() < 0.1
 
 
-def test_too_many_or_too_long_runs_are_rejected_in_one_sentence(one):
+def test_too_many_or_too_long_runs_are_rejected_with_one_message(one):
     from dataclasses import replace
 
     with pytest.raises(ReportError, match=r'^a report takes at most 4 runs, not 5$'):

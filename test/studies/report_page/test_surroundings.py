@@ -199,7 +199,7 @@ def test_recording_of_an_older_version_lists_its_parts_without_drawing_them(pack
         ),
     ],
 )
-def test_run_without_a_pose_is_rejected_in_one_sentence(absent, told, packaged):
+def test_run_without_a_pose_is_rejected_with_one_message(absent, told, packaged):
     run, _ = packaged
     signals = {name: values for name, values in run.window.signals.items() if name not in absent}
     part = Trace(run.window.time_s, signals, run.window.meta)

@@ -180,7 +180,7 @@ def test_older_trace_has_parts_without_their_positions(packaged):
         {'cell_scene': {'cell': 'a', 'things': [THING | {'at_m': [0, 0, 1e9]}]}},
     ],
 )
-def test_trace_with_invalid_cell_metadata_is_rejected_in_one_sentence(told, packaged, tmp_path):
+def test_trace_with_invalid_cell_metadata_is_rejected_with_one_message(told, packaged, tmp_path):
     trace, _ = packaged
     replace(trace, meta=trace.meta | told).save(tmp_path / 'spoilt.npz')
     with pytest.raises(TraceError, match=r'spoilt.npz: the data of its cell cannot be read$'):

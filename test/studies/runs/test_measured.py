@@ -63,7 +63,7 @@ def test_no_straight_line_is_drawn_over_a_gap_of_uneven_samples():
         ([0.0, 1e-3, 2e-3, 5e3], r'a lacks \d+ of \d+ samples'),
     ],
 )
-def test_too_few_instants_or_a_gap_of_hours_get_one_sentence(time_s, sentence):
+def test_too_few_instants_or_a_gap_of_hours_are_rejected_with_one_message(time_s, sentence):
     with pytest.raises(TraceError, match=f'^{sentence}'):
         measured.on_grid(trace_at(np.array(time_s)), 'a')
 

@@ -89,7 +89,7 @@ CAUSES = {
 NEEDED = {'needed_of_peak_m': 0.01, 'needed_momentary_m': 0.002, 'target_percent': 10.0}
 
 
-def test_sentence_on_inexact_lengths_names_them():
+def test_message_on_inexact_lengths_names_them():
     row = {
         'exact': of_peak(0.011, 0.022),
         'inexact': of_peak(7.7, 8.8),

@@ -114,7 +114,7 @@ def test_a_run_that_ends_before_the_other_is_not_the_same(one):
         assert (found.same, found.equal, found.uncompared) == (False, True, 7)
 
 
-def test_runs_without_a_common_signal_or_time_are_rejected_in_one_sentence(one):
+def test_runs_without_a_common_signal_or_time_are_rejected_with_one_message(one):
     alone = replace(one, window=replace(one.window, signals={'current': one.window['current']}))
     other = replace(one, window=replace(one.window, signals={'tcp_true': one.window['tcp_true']}))
     with pytest.raises(TraceError, match=r'^experiment1 and experiment1 have no signal in common$'):

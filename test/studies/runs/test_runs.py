@@ -368,7 +368,7 @@ def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
     assert run.window.time_s[-1] == pytest.approx(stood + 0.6, abs=5e-3)
 
 
-def test_invalid_run_is_rejected_in_one_sentence(tmp_path, program, robot):
+def test_invalid_run_is_rejected_with_one_message(tmp_path, program, robot):
     with pytest.raises(ProgramError, match='nothing'):
         runs.load('nothing')
     (tmp_path / 'empty').mkdir()
@@ -399,7 +399,7 @@ def test_invalid_run_is_rejected_in_one_sentence(tmp_path, program, robot):
         ({'notices': 7}, r'notices.npz: the data of its moves, outputs, faults or notes cannot be read$'),
     ],
 )
-def test_trace_with_invalid_metadata_is_rejected_in_one_sentence(told, sentence, tmp_path, program, robot):
+def test_trace_with_invalid_metadata_is_rejected_with_one_message(told, sentence, tmp_path, program, robot):
     path = tmp_path / f'{list(told)[-1]}.npz'
     trace = simulation.run(programs.load(program, robot.motion), robot)
     Trace(trace.time_s, trace.signals, trace.meta | told).save(path)

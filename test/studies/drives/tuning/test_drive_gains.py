@@ -196,7 +196,7 @@ def test_undoing_gains_applied_twice_restores_the_original_ones(drives, tmp_path
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
 
 
-def test_a_robot_that_was_started_anew_gives_a_new_before(drives, tmp_path):
+def test_gains_of_a_restarted_robot_are_the_new_ones_to_restore(drives, tmp_path):
     applied.apply(GAINS, drives, '/', tmp_path)
     anew = Drives()
     for values in anew.has.values():

@@ -348,7 +348,7 @@ def test_all_names_of_a_gain_are_equivalent(robot):
     ('text', 'told'),
     [('K_Pvell=1', 'did you mean K_Pvel'), ('K_Pvel', 'NAME=VALUE'), ('K_Pvel=x', 'finite number'), ('=1', 'no drive')],
 )  # fmt: skip
-def test_nonsensical_setting_is_reported_in_one_sentence(text, told):
+def test_nonsensical_setting_is_reported_with_one_message(text, told):
     with pytest.raises(TuningError, match=told):
         settings.parse(text)
 
@@ -386,7 +386,7 @@ def test_command_compares_gains_and_reports_unstable_ones(tmp_path, capsys, exci
     [['--set', 'foo=1'], ['--pose', '5', '0', '0'], ['--payload', '-1'], ['--speed', '99'], ['--recording', 'no.npz'],
      ['--program', 'nothing'], ['--sweep', 'K_Pvel=0:200:3'], ['--excite', '/no/such/folder/x.npz']],
 )  # fmt: skip
-def test_command_rejects_nonsense_with_one_sentence(arguments, capsys, tmp_path):
+def test_command_rejects_invalid_input_with_one_message(arguments, capsys, tmp_path):
     assert tune.main([*arguments, '--output', str(tmp_path)]) == 1
     assert capsys.readouterr().err.splitlines()[-1].startswith('error: ')
 

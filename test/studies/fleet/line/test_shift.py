@@ -72,7 +72,7 @@ def test_every_part_that_counts_is_picked_or_missed_for_a_reason(crowded):
     assert set(found.missed) <= {'', *Miss}
 
 
-def test_the_same_seed_gives_the_same_shift_and_another_one_another(tables):
+def test_shift_is_reproducible_by_seed(tables):
     line = line_with(Rule.OPTIMAL, CROWDED)
     first, again = shift_of(line, tables), shift_of(line, tables)
     np.testing.assert_array_equal(first.robot, again.robot)

@@ -140,7 +140,7 @@ def test_batches_are_the_same_however_many_runs_are_missing(path):
     assert all(any(set(batch) <= set(other) for other in whole) for batch in some)
 
 
-def test_no_cluster_and_one_of_other_sources_are_rejected_in_one_sentence(path, tmp_path, monkeypatch):
+def test_absent_cluster_and_one_of_other_sources_are_rejected_with_one_message(path, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, 'CONNECT_S', 0.5)
     settings = Settings(path, scheduler='tcp://127.0.0.1:1')
     with pytest.raises(SweepError, match=r'no cluster responds at tcp://127.0.0.1:1') as told:
@@ -175,7 +175,7 @@ def test_late_worker_with_other_sources_executes_no_run(path):
         ('running', OSError('full'), 'failed: OSError: full'),
     ],
 )
-def test_broken_cluster_is_reported_in_one_sentence(status, error, sentence, path, monkeypatch):
+def test_broken_cluster_is_reported_with_one_message(status, error, sentence, path, monkeypatch):
 
     class Future:
         def result(self):

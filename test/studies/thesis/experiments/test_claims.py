@@ -72,7 +72,7 @@ def test_a_robot_like_its_model_bears_out_no_claim_of_a_difference():
 
 
 @pytest.mark.parametrize(('friction', 'verdict'), [(0.8, HOLDS), (0.2, FAILS)])
-def test_dynamics_explain_a_deviation_if_more_than_half_of_it_is_theirs(first, friction, verdict):
+def test_dynamics_explain_a_deviation_if_they_cause_more_than_half_of_it(first, friction, verdict):
     values = np.array([0.0, friction, 1.0 - friction, 1.0])
     outcome = outcome_of(('tcp_error_norm', 'deviation'), ('friction', 'geometry'), 0.0, values)
     attribution = Attribution(('friction', 'geometry'), (), 4, {('tcp_error_norm', 'deviation'): outcome})

@@ -374,7 +374,7 @@ def test_report_without_attribution_removes_that_of_an_earlier_one(tmp_path, cap
         ),
     ],
 )
-def test_a_bad_request_is_one_sentence(arguments, sentence, capsys):
+def test_invalid_request_gives_one_message(arguments, sentence, capsys):
     assert experiment.main(['1', *arguments]) == 1
     assert capsys.readouterr().err == f'error: {sentence}\n'
 
@@ -444,7 +444,7 @@ def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
     assert bits[0] == bits[2] != bits[1]
 
 
-def test_effects_that_cancel_one_another_are_shown_whole(robot, rich, short_program):
+def test_mutually_cancelling_effects_are_shown_in_full(robot, rich, short_program):
     """The tilt of the plate compensates a part of the effect of geometric errors on the true TCP."""
     tilted = with_effects(rich.replace(rich__parallelogram=True), ['geometry', 'parallelogram'])
     found = attribute(short_program, Run.of(run(short_program, robot), robot), robot, tilted, lambda *_: None)

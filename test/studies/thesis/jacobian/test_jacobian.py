@@ -427,7 +427,7 @@ def test_csv_file_gives_the_same_result_as_the_trace(robot, trace, tmp_path):
         ),
     ],
 )
-def test_a_recording_that_does_not_fit_is_rejected_in_a_sentence(robot, trace, change, message):
+def test_unsuitable_recording_is_rejected_with_a_message(robot, trace, change, message):
     with pytest.raises(TraceError, match=message):
         motion.of_trace(change(trace), robot, Signals.COMMAND, 'recording')
 
@@ -535,7 +535,7 @@ def test_study_of_one_trajectory_reports_its_deviations(studied, robot, experime
         (['1', 'experiment1'], 1, 'two inputs have the name experiment 1'),
     ],
 )
-def test_bad_input_is_rejected_in_a_sentence(arguments, status, sentence, capsys, tmp_path):
+def test_invalid_input_is_rejected_with_a_message(arguments, status, sentence, capsys, tmp_path):
     try:
         found = main(['jacobian', *arguments, '--output', str(tmp_path)])
     except SystemExit as stop:

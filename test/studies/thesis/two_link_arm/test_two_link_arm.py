@@ -359,7 +359,7 @@ def test_command_reports_a_singular_pose_without_inverse(capsys):
         ),
     ],
 )
-def test_the_command_rejects_with_one_sentence(arguments, sentence, capsys):
+def test_command_rejects_with_one_message(arguments, sentence, capsys):
     assert main(['two-link', *arguments, '--json']) == 1
     printed = capsys.readouterr()
     assert printed.err.startswith(sentence)
