@@ -320,7 +320,9 @@ def test_the_figures_of_a_loop_are_printed_in_milliseconds_and_per_cent(tuned):
     assert 'velocity now 71 Hz 61.5 deg 18.5 dB 2.34 ms 1.45 140 Hz 3.21 ms 4.6 % 65.4 ms' in lines
     assert 'now: it swings' in lines
     assert '6.25e-4 kg m2 now 71 Hz 61.5 deg 11.1 dB 61.5 deg 1.45 44.4 dB heaviest mode' in lines
-    assert any(line.endswith('exchanged every 0.5 ms:') for line in lines)
+    assert 'loop gains crossover phase m. gain m. delay m. Ms bandwidth rise overshoot settling' in lines
+    first = lines.index('velocity velocity velocity position cascade exchange 0.5 ms')
+    assert lines[first + 1] == 'inertia at shaft gains crossover phase m. gain m. phase m. Ms gain m.'
 
 
 def test_unstable_loop_and_undefined_figure_are_reported(tuned):
@@ -357,7 +359,11 @@ def test_a_sweep_is_printed_with_margins_overshoot_and_error(tuned):
         'workspace_stable': True,
         'effect': EFFECT,
     }
-    assert '0.25 60.0 deg 50.0 deg 40.0 deg 12.5 % 1.0 % 20.05e-3 deg' in tuned(sweep=[point])
+    assert tuned(sweep=[point])[-4:-1] == [
+        'current velocity position velocity position following',
+        'value phase m. phase m. phase m. overshoot overshoot error',
+        '0.25 60.0 deg 50.0 deg 40.0 deg 12.5 % 1.0 % 20.05e-3 deg',
+    ]
 
 
 # jacobian

@@ -134,6 +134,9 @@ def _of_tuning(summary):
     yield f'{load["name"]}:', [load['inertia_kg_m2'], load['gravity_n_m'], summary['speed_rad_s']]
     for change in summary['changes']:
         yield f'{change["parameter"]}:', [change['before'], change['after']]
+    yield 'loop gains crossover phase m. gain m. delay m. Ms bandwidth rise overshoot settling', None
+    yield 'velocity velocity velocity position cascade exchange', None
+    yield 'inertia at shaft gains crossover phase m. gain m. phase m. Ms gain m.', None
     for name, one in summary['variants'].items():
         for loop, row in one['loops'].items():
             step = row.get('step') or {}

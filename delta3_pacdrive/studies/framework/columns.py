@@ -27,18 +27,20 @@ appears: ``.2f ms`` shows ``1.75 ms``, ``.2f in ms`` shows ``1.75``, for columns
     ])
 """
 
+from __future__ import annotations
+
 import math
 import string
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, get_type_hints
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from delta3_pacdrive.recording.tables.quantities import UNITS
-from delta3_pacdrive.studies.framework.report_folder import Table
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.studies.framework.report_folder import Table
 
 # unit in a text: SI value of one
 SIZES = {unit: size for unit, (_, size) in UNITS.items()} | {
@@ -103,7 +105,7 @@ def to_dict(record: Any) -> Any:
         return found
     if isinstance(record, Mapping):
         return {to_dict(key): to_dict(value) for key, value in record.items()}
-    if isinstance(record, np.ndarray | np.generic):
+    if hasattr(record, 'tolist'):  # of numpy
         return to_dict(record.tolist())
     if isinstance(record, list | tuple):
         return [to_dict(value) for value in record]
@@ -128,6 +130,10 @@ def csv_table(name: str, records: Iterable[Any], rows_each: int = 0, of: Any = N
     With ``rows_each``, a record has that number of rows, and each of its sequences has one value per row. A table that
     may be empty requires the class ``of`` its records, whose columns are single or have labels.
     """
+    from delta3_pacdrive.studies.framework.report_folder import (
+        Table,
+    )  # slow; commands that only print need no files
+
     rows = [cells(record) for record in records]
     if rows_each:
         rows = [
@@ -175,8 +181,8 @@ def _cell(value: Any, form: str) -> str | None:
 
 
 def _along_last_axis(value: Any) -> Sequence[Any]:
-    if isinstance(value, np.ndarray):
-        return list(np.moveaxis(value, -1, 0)) if value.ndim > 1 else list(value.tolist())
+    if hasattr(value, 'tolist'):  # of numpy
+        return [value[..., n] for n in range(value.shape[-1])] if value.ndim > 1 else list(value.tolist())
     return list(value)
 
 
@@ -198,7 +204,7 @@ class _Filler(string.Formatter):
 def shown(value: Any, spec: str) -> str:
     """Return a value as a field of ``fill`` shows it; ``spec`` is the format with its unit."""
     form, _, unit = spec.partition(' ')
-    if isinstance(value, np.ndarray):
+    if hasattr(value, 'tolist'):  # of numpy
         value = value.tolist()
     if isinstance(value, list | tuple):
         hidden = f'{form} in {unit.removeprefix("in ")}' if unit and not unit.startswith('=') else form
@@ -220,7 +226,7 @@ def fill(template: str, values: Any) -> str:
     return _FILLER.vformat(template, (), values)
 
 
-def text_table(rows: Iterable[Any], columns: Sequence[TextColumn], gap: str = '  ') -> list[str]:
+def text_table(rows: Iterable[Any], columns: Sequence[TextColumn]) -> list[str]:
     """Return the lines of a table of records or mappings, with headings."""
     depth = max(column.heading.count('\n') for column in columns) + 1
     heads = [(column.heading.split('\n') + [''] * depth)[:depth] for column in columns]
@@ -228,15 +234,15 @@ def text_table(rows: Iterable[Any], columns: Sequence[TextColumn], gap: str = ' 
         [fill(column.cell, row) if isinstance(column.cell, str) else column.cell(row) for column in columns]
         for row in rows
     ]
-    return aligned([*zip(*heads, strict=True), *filled], [column.align for column in columns], gap)
+    return aligned([*zip(*heads, strict=True), *filled], [column.align for column in columns])
 
 
-def aligned(rows: Sequence[Sequence[str]], aligns: Sequence[str], gap: str = '  ') -> list[str]:
+def aligned(rows: Sequence[Sequence[str]], aligns: Sequence[str]) -> list[str]:
     """Return the lines of a table of texts; columns are as wide as their contents, and aligned ``<`` or ``>``."""
     forms = [
         f'{align}{max(map(len, texts))}' for align, texts in zip(aligns, zip(*rows, strict=True), strict=True)
     ]
-    return [gap.join(map(format, row, forms)).rstrip() for row in rows]
+    return ['  '.join(map(format, row, forms)).rstrip() for row in rows]
 
 
 def named_lines(rows: Iterable[tuple[str, str]], width: int) -> list[str]:

@@ -215,7 +215,7 @@ def _workspace_lines(variants: dict[str, Any]) -> list[str]:
     columns = [
         *WORKSPACE_COLUMNS,
         TextColumn(
-            f'exchanged every {period:g} ms:\ngain m.',
+            f'exchange {period:g} ms\ngain m.',
             lambda row: (
                 fill('{gain_margin_db:.1f =dB}', row['exchanged'])
                 if row['exchanged']['stable']
@@ -285,20 +285,20 @@ LOOP_COLUMNS = [
 WORKSPACE_COLUMNS = [
     TextColumn('\n  inertia at shaft', '{inertia_kg_m2:.2f e-4 kg m2}'),
     TextColumn('\ngains', '{gains}', '<'),
-    TextColumn('velocity loop:\ncrossover', '{velocity[crossover_hz]:.4g =Hz}'),
-    TextColumn('\nphase m.', '{velocity[phase_margin_deg]:.1f =deg}'),
-    TextColumn('\ngain m.', '{velocity[gain_margin_db]:.1f =dB}'),
-    TextColumn('position:\nphase m.', '{position[phase_margin_deg]:.1f =deg}'),
-    TextColumn('cascade:\nMs', '{cascade[sensitivity_peak]:.2f}'),
+    TextColumn('velocity\ncrossover', '{velocity[crossover_hz]:.4g =Hz}'),
+    TextColumn('velocity\nphase m.', '{velocity[phase_margin_deg]:.1f =deg}'),
+    TextColumn('velocity\ngain m.', '{velocity[gain_margin_db]:.1f =dB}'),
+    TextColumn('position\nphase m.', '{position[phase_margin_deg]:.1f =deg}'),
+    TextColumn('cascade\nMs', '{cascade[sensitivity_peak]:.2f}'),
 ]
 SWEEP_COLUMNS = [
     TextColumn('\n  value', '  {value:.5g}', '<'),
-    TextColumn('phase margin:\ncurrent', '{loops[current][phase_margin_deg]:.1f =deg}'),
-    TextColumn('\nvelocity', '{loops[velocity][phase_margin_deg]:.1f =deg}'),
-    TextColumn('\nposition', '{loops[position][phase_margin_deg]:.1f =deg}'),
-    TextColumn('overshoot:\nvelocity', '{overshoot[velocity]:.1f %}'),
-    TextColumn('\nposition', '{overshoot[position]:.1f %}'),
-    TextColumn('\nfollowing error', lambda point: _followed(point['effect'])),
+    TextColumn('current\nphase m.', '{loops[current][phase_margin_deg]:.1f =deg}'),
+    TextColumn('velocity\nphase m.', '{loops[velocity][phase_margin_deg]:.1f =deg}'),
+    TextColumn('position\nphase m.', '{loops[position][phase_margin_deg]:.1f =deg}'),
+    TextColumn('velocity\novershoot', '{overshoot[velocity]:.1f %}'),
+    TextColumn('position\novershoot', '{overshoot[position]:.1f %}'),
+    TextColumn('following\nerror', lambda point: _followed(point['effect'])),
     TextColumn('', _state, '<'),
 ]
 

@@ -246,6 +246,18 @@ def test_the_module_needs_neither_ros_nor_matplotlib_nor_compilation():
     assert not set(done.stdout.split()) & {'rclpy', 'matplotlib', 'numba'}
 
 
+def test_the_command_prints_its_lines_without_loading_heavy_modules():
+    program = (
+        'import sys\n'
+        'from delta3_pacdrive.cli.main import main\n'
+        'main(["two-link"])\n'
+        'print("loaded:", *sys.modules)'
+    )
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=True)
+    assert 'determinant' in done.stdout
+    assert not set(done.stdout.rpartition('loaded:')[2].split()) & {'numba', 'matplotlib'}
+
+
 DRAWN = [(ARM, (-0.2, 0.4)), (TwoLinkArm(0.5, 0.5), (0.0, 0.0)), (TwoLinkArm(0.1, 0.9), (0.0, 1.0))]
 
 
