@@ -124,7 +124,7 @@ class Faults(Schedule):
         self._node, self._name, self._cycle, self._session = node, name, cycle, session
         self._serials = Numbering()
         self.late = 0  # faults received after their first cycle
-        FAULT_SCHEDULE.bounded_subscription(node, self._on_schedule, REQUEST_MAX)
+        FAULT_SCHEDULE.bounded_subscription(node, self._on_schedule)
 
     def _on_schedule(self, message: String) -> None:
         session, serial, scheduled = read_schedule(message.data)

@@ -161,7 +161,7 @@ class InputRequests:
         INPUT.servers(node, self._on_request)
         if around is not None:
             STATUS.bounded_subscription(node, self._on_status)
-            SET_INPUT.bounded_subscription(node, self._on_set_input, REQUEST_MAX, self._refuse)
+            SET_INPUT.bounded_subscription(node, self._on_set_input, self._refuse)
 
     def _on_status(self, message: String) -> None:
         self._task.take(Status.from_json(message.data), time.monotonic())

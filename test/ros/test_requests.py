@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -341,3 +342,26 @@ def test_repeated_request_receives_its_final_reply_and_never_progress() -> None:
         (True, 'at its end'),
     ]
     assert served == [request]
+
+
+@pytest.mark.parametrize(
+    ('topics', 'limit'),
+    [
+        ((interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY), 2 * 1024 * 1024),
+        ((interfaces.CONTROL_REQUEST, interfaces.CONTROL_REPLY), 4096),
+        ((interfaces.SCRIPT_REQUEST, interfaces.SCRIPT_REPLY), 4096),
+    ],
+)
+def test_a_node_reads_no_request_above_the_limit_of_its_topic(
+    topics: tuple[interfaces.Topic, interfaces.Topic], limit: int
+) -> None:
+    wire: Any = Wire()
+    served: list[Request] = []
+    refused: list[str] = []
+    _server = RequestServer(wire, topics, lambda: 'me', served.append, refuse=refused.append)
+    request = Request('me', 'operator', 1, 0, 'start', '#' * (limit - 1000))
+    wire.receive(request)
+    assert (served, refused) == ([request], [])
+    wire.receive(replace(request, number=2, text='#' * limit))
+    assert served == [request]
+    assert refused[0].endswith(f', the limit is {limit}')

@@ -24,7 +24,6 @@ from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.request_server import RequestServer
 
-REQUEST_BYTES_MAX = 4096
 NEEDS_CONTROL = frozenset({ENABLE, RESET})
 
 

@@ -25,7 +25,6 @@ GIVEN_UP_S = 5.0  # without a request before an oscilloscope is disarmed
 IDENTITY_MAX, NAME_MAX = 32, 100
 DECIMATION_MAX = 16_000
 TRIGGERS_MAX = 1  # channels in addition to those shown
-REQUEST_BYTES_MAX = 8192
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class DriveScopeServer:
         self._answers = SCOPE_ANSWER.publisher(node)
         self._samples = SCOPE_SAMPLES.publisher(node, axis)
         self._layout = MultiArrayLayout()
-        SCOPE_REQUEST.bounded_subscription(node, self._on_request, REQUEST_BYTES_MAX)
+        SCOPE_REQUEST.bounded_subscription(node, self._on_request)
 
     def _on_request(self, message: String) -> None:
         request, served = ScopeRequest.read(message.data, self._axis), self._served

@@ -1,6 +1,6 @@
 """Node of one MC-4 servo drive.
 
-In: ``sercos/phase``. Cyclic telegrams: ``drive_telegrams``; oscilloscope:
+In: ``sercos/phase``. Out: ``/diagnostics`` (1 Hz). Cyclic telegrams: ``drive_telegrams``; oscilloscope:
 ``drive_scope``. Timing and bus participation: ``robot.drive.bus_drive``.
 """
 

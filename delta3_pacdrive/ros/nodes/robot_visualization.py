@@ -1,8 +1,8 @@
 """Node for visualization: markers of the robot, and bus time on ``/clock``; idle without subscribers.
 
-In, with subscribers only: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, with a rotary axis
-``tool/turn``, and with a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and
-``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+In, with subscribers only: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, with rotary axes
+``tool/turn`` and ``tool/turn_2``, and with a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always
+``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
 
 It is longer than other nodes because its subscriptions depend on its subscribers.
 """
@@ -34,7 +34,6 @@ from delta3_pacdrive.ros.clients.cell_reader import CellReader
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
-from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.interfaces import (
     CLOCK,
@@ -163,9 +162,7 @@ class RobotVisualizationNode(PollingNode):
         self._present = RobotWatch(self, self.get_logger().warning, LOOK_S)
         self._cell: CellReader | None = None
         self._cell_markers = CellMarkers()
-        MOTION_PLAN.bounded_subscription(
-            self, self._on_plan, ROW_BYTES_MAX, profile=MOTION_PLAN.delivery.view
-        )
+        MOTION_PLAN.bounded_subscription(self, self._on_plan, profile=MOTION_PLAN.delivery.view)
         STATUS.bounded_subscription(self, self._on_status)
         OUTPUTS.bounded_subscription(self, self._on_outputs)
         self.create_timer(LOOK_S, self._look)

@@ -1,9 +1,9 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
 Its topics and services are those of ``TASK`` in ``ros.wire.interfaces``; decisions are made in
-``control.operation.robot_controller``. AT: ``receivers``; cyclic topics, states and outputs:
-``outputs``; plans: ``planner_link``; services and control: ``clients.operator_services``; service channel:
-``wire.service_requests``.
+``control.operation.robot_controller``. MDT, progress and diagnostics: here; AT: ``receivers``; cyclic topics, states
+and outputs: ``outputs``; plans: ``planner_link``; services and control: ``clients.operator_services``; service channel
+and scripts: ``wire.service_requests``.
 
 It is longer than other nodes because it connects all of these, and implements the controller's callbacks.
 """

@@ -32,7 +32,6 @@ from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
 from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tolerances_of
-from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
@@ -102,7 +101,7 @@ class UnitRobotNode(PollingNode):
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         self._publisher = ' '.join(interfaces.publishers_of(self, interfaces.PLANNER_ALIVE) - others)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
-        interfaces.PROFILE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
+        interfaces.PROFILE.bounded_subscription(self, self._on_profile)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
         self._trajectories = self._offer_trajectories(tolerances, cycles)

@@ -72,7 +72,7 @@ class PlannerServices:
             (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
         ):
             refuse = self._refuse if topic is interfaces.OVERRIDE else self.refuse_moves
-            topic.bounded_subscription(node, receive, interfaces.PROGRAM_BYTES_MAX, refuse)
+            topic.bounded_subscription(node, receive, refuse)
         self._requests = interfaces.REQUESTS.publisher(node)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
             service.deferred_servers(node, partial(self._serve, service.name))

@@ -18,7 +18,6 @@ from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.numbers import numbers, row_of
 
 SLICE_S, SLICE_EVERY_S = 0.5e-3, 2e-3  # time slice for checking a plan, and its period
-ROW_BYTES_MAX = 16 * 1024 * 1024
 STATUS_EVERY = 500  # checked rows
 
 
@@ -33,10 +32,8 @@ class PlannerLink:
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
         self._profile = interfaces.PROFILE.publisher(node)
-        interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._reject_message)
-        interfaces.MOTION_CHANGE.bounded_subscription(
-            node, self._on_profile, ROW_BYTES_MAX, self._reject_message
-        )
+        interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, self._reject_message)
+        interfaces.MOTION_CHANGE.bounded_subscription(node, self._on_profile, self._reject_message)
         interfaces.PLANNER_ALIVE.bounded_subscription(node, self._on_alive)
         self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
         self._slices.cancel()

@@ -42,6 +42,9 @@ EVERY_AXIS = 'axisN'
 TEXT_BYTES_MAX = 64 * 1024  # default size limit of a message
 PROGRAM_BYTES_MAX = 1024 * 1024
 REQUEST_BYTES_MAX = 2 * PROGRAM_BYTES_MAX  # of a request to the planner, with escaped characters
+# of a request to the transformation task, which must not delay its bus cycles
+TASK_REQUEST_BYTES_MAX = 4096
+ROW_BYTES_MAX = 16 * 1024 * 1024  # of a row of a plan
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,7 @@ class Topic:
     recorded: bool = False
     answer: str = ''  # published field of ``control.cycle.task_arrays.ANSWER``
     axis: str = ''  # only on robots with this rotary axis
+    bytes_max: int = TEXT_BYTES_MAX  # size limit of a message
 
     def of(self, axis: str = '') -> str:
         """Return the name of the topic, or of that of an axis."""
@@ -205,7 +209,6 @@ class Topic:
         self,
         node: Node,
         callback: Callable[[Any], None],
-        bytes_max: int = TEXT_BYTES_MAX,
         refuse: Callable[[str], None] | None = None,
         profile: QoSProfile | None = None,
     ) -> Subscription:
@@ -216,8 +219,8 @@ class Topic:
 
         def receive(data: bytes) -> None:
             try:
-                if len(data) > bytes_max:
-                    raise TelegramError(f'a message has {len(data)} bytes, the limit is {bytes_max}')
+                if len(data) > self.bytes_max:
+                    raise TelegramError(f'a message has {len(data)} bytes, the limit is {self.bytes_max}')
                 try:
                     message = deserialize_message(data, self.type)
                 except (RuntimeError, ValueError, UnicodeDecodeError) as error:
@@ -330,7 +333,7 @@ SEEN = Topic(
 SET_INPUT = Topic(
     'cell/set_input', KeyValue, REQUEST, (), (PLANT,),
     'force an input of a cell: its name as key, `on`, `off` or `auto` as value; rejected while a bag is played back',
-    ASKED,
+    ASKED, bytes_max=10_000,
 )
 PHASE_CURRENT = Topic(
     'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
@@ -348,13 +351,14 @@ SERVICE_ANSWER = Topic(
 FAULT_SCHEDULE = Topic(
     'faults/schedule', String, FAULTS, (TASK,), (TASK, PLANNER, DRIVE, PLANT),
     'JSON: injected faults with session, number, first cycle and end cycle', CHANGE, recorded=True,
+    bytes_max=10_000,
 )
 
 SCOPE_REQUEST = Topic(
     'scope/request', String, REQUEST, (), (DRIVE,),
     'JSON: identity and name of an oscilloscope, its channels by axis, decimation of the current-loop periods; '
     'must be repeated every second. No control is required',
-    ASKED,
+    ASKED, bytes_max=8192,
 )
 SCOPE_ANSWER = Topic(
     'scope/answer', String, REQUEST, (DRIVE,), (),
@@ -441,15 +445,17 @@ MOTION_PLAN = Topic(
     'one message for each distinct move: header, phases of the master (t, s, v, a, jerk), path segments '
     '(s, coefficients of x, y, z up to the 5th power), events; then one with the order of the moves. Labels of plans '
     'and motion profiles: kind, identity of the planner, session, number of the order',
-    ASKED, recorded=True,
+    ASKED, recorded=True, bytes_max=ROW_BYTES_MAX,
 )
 MOTION_CHANGE = Topic(
     'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER, SCRIPT), (TASK,),
     'motion profile requested by the planner: override, resume', ASKED,
+    bytes_max=ROW_BYTES_MAX,
 )
 PROFILE = Topic(
     'motion/course', Float64MultiArray, LATCHED, (TASK,), (PLANNER,),
     'motion profile of the master with its first cycle: start, stop, resume, override', CHANGE, recorded=True,
+    bytes_max=ROW_BYTES_MAX,
 )
 STATUS = Topic(
     'motion/status', String, LATCHED, (TASK,), (PLANNER, PLANT, VISUALIZATION),
@@ -487,31 +493,40 @@ REQUESTS = Topic(
     'the number of remaining ones; code and sentence of a rejection', CHANGE, recorded=True,
 )
 MOVE_L = Topic(
-    'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE
+    'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE,
+    bytes_max=PROGRAM_BYTES_MAX,
 )
 MOVE_C = Topic(
-    'unit_robot/move_c', Path, REQUEST, (), (PLANNER,), 'circular move: circle point and end [m]', ASKED, _BASE
+    'unit_robot/move_c', Path, REQUEST, (), (PLANNER,), 'circular move: circle point and end [m]', ASKED, _BASE,
+    bytes_max=PROGRAM_BYTES_MAX,
 )
 MOVE_SB = Topic(
-    'unit_robot/move_sb', Path, REQUEST, (), (PLANNER,), 'spline through at most 100 points [m]', ASKED, _BASE
+    'unit_robot/move_sb', Path, REQUEST, (), (PLANNER,), 'spline through at most 100 points [m]', ASKED, _BASE,
+    bytes_max=PROGRAM_BYTES_MAX,
 )
 PROGRAM = Topic(
-    'unit_robot/program', String, REQUEST, (), (PLANNER,), 'YAML, or the name of a packaged program', ASKED
+    'unit_robot/program', String, REQUEST, (), (PLANNER,), 'YAML, or the name of a packaged program', ASKED,
+    bytes_max=PROGRAM_BYTES_MAX,
 )
 JOINT_TRAJECTORY = Topic(
     'joint_trajectory', JointTrajectory, REQUEST, (), (PLANNER,),
     'arm angles [rad] over time, executed immediately; as for joint_trajectory_controller', ASKED,
+    bytes_max=PROGRAM_BYTES_MAX,
 )
-OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
+OVERRIDE = Topic(
+    'unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED,
+    bytes_max=PROGRAM_BYTES_MAX,
+)
 PLANNER_REQUEST = Topic(
     'unit_robot/request', String, REQUEST, (OPERATOR, SCRIPT), (PLANNER,),
     'JSON: request of an identified operator: program, move, trajectory, start, resume, clear, override, '
-    'withdraw', ASKED,
+    'withdraw', ASKED, bytes_max=REQUEST_BYTES_MAX,
 )
 PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the reply', ASKED)
 SCRIPT_REQUEST = Topic(
     'script/request', String, REQUEST, (SCRIPT,), (TASK,),
     'JSON: request of a script in control: attach, look, wait for a condition, hold, leave', ASKED,
+    bytes_max=TASK_REQUEST_BYTES_MAX,
 )
 SCRIPT_REPLY = Topic(
     'script/reply', String, REQUEST, (TASK,), (), 'JSON: the reply: state in a bus cycle', ASKED
@@ -519,7 +534,7 @@ SCRIPT_REPLY = Topic(
 CONTROL_REQUEST = Topic(
     'control/request', String, REQUEST, (OPERATOR, SCRIPT), (TASK,),
     'JSON: take control, take control over, release control, enable, disable, reset, hold, abort, emergency stop',
-    ASKED,
+    ASKED, bytes_max=TASK_REQUEST_BYTES_MAX,
 )
 CONTROL_REPLY = Topic('control/reply', String, REQUEST, (TASK,), (), 'JSON: the reply', ASKED)
 CONTROL_ALIVE = Topic(

@@ -9,7 +9,7 @@ from delta3_pacdrive.control.messages import Reply, Request, refuse_malformed, r
 from delta3_pacdrive.control.queue.request_queue import ReceivedRequests
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RobotFault, TelegramError, shown
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.ros.wire.interfaces import REQUEST_BYTES_MAX, Topic
+from delta3_pacdrive.ros.wire.interfaces import Topic
 
 
 class RequestServer:
@@ -48,7 +48,7 @@ class RequestServer:
         self._received = ReceivedRequests()
         requests, replies = topics
         self._replies = replies.publisher(node)
-        requests.bounded_subscription(node, self._on_request, REQUEST_BYTES_MAX, refuse)
+        requests.bounded_subscription(node, self._on_request, refuse=refuse)
 
     def _on_request(self, message: String) -> None:
         try:

@@ -43,9 +43,6 @@ def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
     SERVICE_REQUEST.subscription(node, receive)
 
 
-REQUEST_BYTES_MAX = 4096
-
-
 class ScriptRequests:
     """Receives the script requests of one transformation task; ``changed`` executes the resulting actions."""
 

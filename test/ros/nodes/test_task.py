@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType, SimpleNamespace
 from typing import Any
@@ -247,7 +248,8 @@ def test_a_message_that_is_too_large_is_rejected_unread(graph: Any) -> None:
     node = graph.add(RobotNode, 'reader')
     read: list[int] = []
     refused: list[str] = []
-    SAID.bounded_subscription(node, lambda message: read.append(len(message.data)), 1000, refused.append)
+    said = replace(SAID, bytes_max=1000)
+    said.bounded_subscription(node, lambda message: read.append(len(message.data)), refused.append)
     publisher = SAID.publisher(graph.listener)
     graph.spin_until(publisher.get_subscription_count, 'the reader')
     for size in (10, 2000, 900):
