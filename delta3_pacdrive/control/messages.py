@@ -52,7 +52,14 @@ class Status(_Refusing):
     order: int  # number of the newest accepted order of this planner, 0 without one
     checked: int  # messages of the present plan that have been checked
     cycle: int  # next bus cycle
-    turn_rad: tuple[float, ...] | None = None  # angles of the rotary axes when located, if there are any
+    # angle of each rotary axis when located, if present
+    turn_rad: float | None = None
+    turn_rad_2: float | None = None
+
+    @property
+    def turns_rad(self) -> tuple[float, ...]:
+        """Angles of the rotary axes when located."""
+        return tuple(angle for angle in (self.turn_rad, self.turn_rad_2) if angle is not None)
 
     @property
     def reason(self) -> Reason | None:

@@ -24,7 +24,7 @@ STATUS = Status(
     '3fa9', '', 7, 'a1b2', 'idle', 'CP4', '', '', 1, (0.1, -0.2, -0.75), 2, 'op', 'Anna', 1, 3, 40, 1000
 )
 MESSAGES = [
-    replace(STATUS, turn_rad=(0.5, -0.25)),
+    replace(STATUS, turn_rad=0.5, turn_rad_2=-0.25),
     Verdict('3fa9', 'a1b2', 3, False, 'state', 'the robot is moving'),
     Request('a1b2', 'op', 4, 2, 'program', 'moves: []', (1.0, 0.0, 2.5)),
     Reply('op', 4, True, True, '', 'planned', 2),
@@ -43,7 +43,10 @@ def test_places_read_back_to_the_last_bit(tcp: tuple[float, float, float]) -> No
 
 def test_absent_axes_of_a_robot_are_omitted_in_messages() -> None:
     assert 'turn_rad' not in STATUS.to_json()
-    assert Status.from_json(STATUS.to_json()) == STATUS
+    assert (Status.from_json(STATUS.to_json()), STATUS.turns_rad) == (STATUS, ())
+    of_one_axis = json.loads(STATUS.to_json()) | {'turn_rad': 0.5}  # as in release 0.2.0
+    assert Status.from_fields(of_one_axis).turns_rad == (0.5,)
+    assert replace(STATUS, turn_rad=0.0, turn_rad_2=-0.25).turns_rad == (0.0, -0.25)
 
 
 @pytest.mark.parametrize('message', MESSAGES, ids=lambda m: type(m).__name__)

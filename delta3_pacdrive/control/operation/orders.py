@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from delta3_pacdrive.axes import numbered
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order, PlanIntake
 from delta3_pacdrive.control.messages import (
     ACCEPTED,
@@ -115,6 +116,9 @@ class Orders:
         state, control = self._state, self._control
         refusal, operator = state.refusal(), control.operator
         x, y, z = (float(value) for value in state.tcp_m)
+        turns: dict[str, Any] = {
+            numbered('turn_rad', number): angle for number, angle in enumerate(state.turns_rad)
+        }
         return Status(
             session=self._session,
             previous=self._previous,
@@ -133,7 +137,7 @@ class Orders:
             order=self._order if self._planner == self._watch.planner else 0,
             checked=self._intake.checked,
             cycle=next_cycle,
-            turn_rad=state.turns_rad or None,
+            **turns,
             **RobotFault.facts(refusal.fault if refusal else None),
         )
 

@@ -166,7 +166,7 @@ class Planner:
         if self.motion == MotionState.ERROR:
             self._handle(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
-            self._planning.turns_rad = status.turn_rad or ()
+            self._planning.turns_rad = status.turns_rad
             self._set_located(np.array(status.tcp_m))
         if self.listened_to and status.order >= self._run.number and self.motion == MotionState.IDLE:
             self._handle(RunEvent.END)
