@@ -5,6 +5,6 @@ ROTARY_AXES_MAX = 2
 AXES_MAX = ARMS + ROTARY_AXES_MAX
 
 
-def numbered(name: str, number: int) -> str:
-    """Return the name of a value of rotary axis ``number``, from 0: ``name``, ``name_2``."""
-    return f'{name}_{number + 1}' if number else name
+def numbered(name: str, number: int, between: str = '_') -> str:
+    """Return the name of a value of rotary axis ``number``, from 0: ``name``, ``name_2`` with ``_`` as ``between``."""
+    return f'{name}{between}{number + 1}' if number else name

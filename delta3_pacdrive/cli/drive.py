@@ -25,7 +25,7 @@ class Options(NodeOptions, JsonOptions):
     """Options of the command."""
 
     axis: str = argument(
-        '1, 2, 3, or 4 for a rotary axis (or axis1, axis2, axis3, axis4), or "list"', type=_axis
+        '1, 2 or 3 for an arm, 4 or 5 for a rotary axis (or axis1 to axis5), or "list"', type=_axis
     )
     idn: str | None = argument('identification number such as S-0-0104', default=None)
     value: str | None = argument('value to write; "command" executes a procedure command', default=None)

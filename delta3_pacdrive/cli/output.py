@@ -283,7 +283,7 @@ def _rotary_rows(result: dict[str, Any], number: int) -> list[tuple[str, str]]:
         _amperes([found(f'current_{name}_a')], found(f'current_{name}_limit_a'), limit)
         for name, limit in (('peak', 'peak'), ('rms', 'nominal'))
     )
-    tool = numbered('tool', number).replace('_', ' ')
+    tool = numbered('tool', number, ' ')
     return [
         (tool, f'error max at move ends {at_end}; during motion {moving:.4f} deg'),
         (f'{tool} current', f'peak {peak}; rms in the AT {rms}'),

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive.axes import ARMS, AXES_MAX
 from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import NOISE, SEED, finite_number, trace_file
 from delta3_pacdrive.cli.output import Output, answered
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 
 ROBOT = 'robot'  # in place of a file: the running robot
-TOOL_AXIS = 4
 OF_ARMS = '--pose', '--propose', '--apply', '--excite', '--recording'
 
 
@@ -34,10 +34,10 @@ class Options(RobotOptions):
     )
     payload: float | None = option('payload instead of that of the parameters [kg]', 'KG', type=finite_number)
     axis: int = option(
-        'axis whose load and recording are used; 4: rotary axis with its own gains',
+        'axis whose load and recording are used; 4 or 5: rotary axis with its own gains',
         default=1,
         type=int,
-        choices=(1, 2, 3, TOOL_AXIS),
+        choices=range(1, AXES_MAX + 1),
     )
     speed: float = option(
         'motor speed on the bench [rad/s]; 0 shows static friction',
@@ -73,7 +73,7 @@ class Options(RobotOptions):
     )
     sweep: str | None = option('plot margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str | None = option(
-        'program for the comparison of following errors (default: experiment1; with --axis 4 half a turn and back)',
+        'program for the comparison of following errors (default: experiment1; of a rotary axis half a turn and back)',
         'PROGRAM',
     )
     apply: str | None = option(
@@ -122,8 +122,8 @@ class Options(RobotOptions):
                 return f'--apply without --propose takes the gains from the output folder: {dropped[0]} has no effect'
         if self.namespace != '/' and self.apply != ROBOT:
             return '--namespace requires --apply without a file'
-        if self.axis == TOOL_AXIS and (found := [name for name in OF_ARMS if name in self.given()]):
-            return f'{found[0]} applies to the arms only, not to --axis {TOOL_AXIS}'
+        if self.axis > ARMS and (found := [name for name in OF_ARMS if name in self.given()]):
+            return f'{found[0]} applies to the arms only, not to --axis {self.axis}'
         return ''
 
 

@@ -69,7 +69,9 @@ def status(facts: Facts, tcp_m: Floats | None, turns: Sequence[TurnInstant] = ()
         rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
     for number, turn in enumerate(turns):
         angle, error = math.degrees(turn.angle_rad), math.degrees(turn.error_rad)
-        rows.append(_pairs((numbered('tool', number), f'{angle:.2f} deg'), ('error', f'{error:.3f} deg')))
+        rows.append(
+            _pairs((numbered('tool', number, ' '), f'{angle:.2f} deg'), ('error', f'{error:.3f} deg'))
+        )
     if facts.moves and facts.state in SHOWS_MOVE:
         left = () if facts.remaining_s is None else (('left', f'{facts.remaining_s:.1f} s'),)
         rows.append(_pairs(('move', f'{facts.move + 1} of {facts.moves}'), *left))

@@ -16,6 +16,14 @@ from delta3_pacdrive.simulation.stepped import SteppedOperation
 
 START, THERE = [-0.1525, 0.0, -0.85], [0.1525, 0.0, -0.85]
 ANGLES_DEG = [90.0, -40.0]
+OTHER = {
+    'gear_ratio': 7.0,
+    'tool_inertia_kg_m2': 9.0e-3,
+    'part_gyration_radius_m': 0.11,
+    'torque_constant_n_m_a': 0.7,
+    'position_window_deg': 0.06,
+    'angle_max_deg': 300.0,
+}
 LINE = [{'move_l': {'to_m': THERE, 'turn_deg': ANGLES_DEG, 'speed_m_s': 0.5}}]
 
 
@@ -25,7 +33,14 @@ def program(machine, moves=LINE, **head):
 
 @pytest.fixture(scope='module', params=['model', 'rich'])
 def machine(request):
-    return parameters.load(f'{request.param}+rotary_2')
+    return with_axes(request.param, {}, OTHER)
+
+
+def with_axes(name, first, second):
+    """Return a robot with two rotary axes that have these values of their own."""
+    own = {f'rotary__{key}': value for key, value in first.items()}
+    own |= {f'rotary_2__{key}': value for key, value in second.items()}
+    return parameters.load(name).replace(rotary__present=True, rotary_2__present=True, **own)
 
 
 @pytest.fixture(scope='module')
@@ -61,13 +76,40 @@ def test_single_bus_cycles_give_the_bits_of_a_compiled_stretch(trace, machine):
     assert one_by_one.meta['figures'] == trace.meta['figures']
 
 
-def test_equal_axes_with_equal_commands_have_equal_bits():
-    machine = parameters.load('model').replace(rotary__present=True, rotary_2__present=True)
-    trace = simulation.run(
-        program(machine, [{'move_l': LINE[0]['move_l'] | {'turn_deg': [70, 70]}}]), machine
-    )
+def test_axes_in_exchanged_order_exchange_their_signals():
+    one, other = {'home_deg': 5.0}, OTHER | {'home_deg': -20.0}
+    runs = []
+    for axes, angles in (((one, other), [70, -30]), ((other, one), [-30, 70])):
+        machine = with_axes('model', *axes)
+        turned = program(machine, [{'move_l': LINE[0]['move_l'] | {'turn_deg': angles}}], payload_kg=0.5)
+        runs.append(simulation.run(turned, machine))
     for name in TURN_SIGNALS:
-        assert np.array_equal(trace[name], trace[f'{name}_2']), name
+        for suffix, exchanged in (('', '_2'), ('_2', '')):
+            assert np.array_equal(runs[0][name + suffix], runs[1][name + exchanged]), name
+    figures = [found.meta['figures'] for found in runs]
+    assert figures[0]['turn_current_peak_a'] == figures[1]['turn_current_peak_a_2']
+
+
+def test_the_motor_of_each_axis_accelerates_its_own_inertia():
+    frictionless = {'static_friction_n_m': 0.0, 'viscous_friction_n_m_s_rad': 0.0}
+    machine = with_axes('model', frictionless, OTHER | frictionless)
+    moves = [{'turn': {'to_deg': [90, 90]}}, {'dwell': {'time_s': 0.05}}]
+    trace = simulation.run(program(machine, moves, payload_kg=0.5), machine)
+    for suffix, rotary in zip(('', '_2'), machine.rotary_axes, strict=True):
+        torque = rotary.torque_constant_n_m_a * trace[f'turn_current{suffix}'][:, 0]
+        impulse = torque[trace[f'turn_command{suffix}'][:, 0] < math.radians(45.0)].sum() * 1e-3
+        fastest = trace[f'turn_speed{suffix}'].max()
+        inertia = rotary.rotor_inertia_kg_m2 * rotary.gear_ratio**2 + rotary.inertia_kg_m2(0.5)
+        assert impulse * rotary.gear_ratio / fastest == pytest.approx(inertia, rel=0.03)
+
+
+@pytest.mark.parametrize('number', [0, 1])
+def test_a_program_ends_only_with_both_axes_in_position(number):
+    narrow = {'position_window_deg': 1e-6}  # less than the friction of the motor leaves
+    machine = with_axes('model', *((narrow, {}), ({}, narrow))[number])
+    meta = simulation.run(program(machine, [{'turn': {'to_deg': [60, 60]}}]), machine).meta
+    assert f'axis{4 + number} is ' in meta['stopped']
+    assert 'not in position 0.5 s after' in meta['stopped']
 
 
 def test_hold_and_override_keep_both_angles_with_the_path(machine):
@@ -100,7 +142,7 @@ def test_hold_and_override_keep_both_angles_with_the_path(machine):
 
 
 @pytest.mark.parametrize(
-    'fault', [{'fault': 'encoder_failure'}, {'fault': 'overload', 'torque_n_m': 5.0, 'for_s': 0.02}]
+    'fault', [{'fault': 'encoder_failure'}, {'fault': 'overload', 'torque_n_m': 7.0, 'for_s': 0.02}]
 )
 def test_a_fault_of_the_fifth_axis_stops_the_robot_on_its_path(fault, machine):
     faults = [fault | {'axis': 'axis5', 'after_s': 0.3}]

@@ -139,16 +139,20 @@ def tcp_speed(trace):
     ]
 
 
-def turn(trace):
+def turn(trace, suffix='', axis=''):
     run = program_part(trace)
     shown = (('angle', {'actual': 'turn_position', 'true': 'turn_true', 'command': 'turn_command'}),
              ('error', {'by the encoder, set-point delay removed': 'turn_error'}),
              ('current', {'sample of the AT': 'turn_current'}))  # fmt: skip
-    return 'Turn of the tool', [
+    return f'Turn of the tool{axis}', [
         Panel(whole_time(run), run.time_s, name,
-              *(line(run[own][:, 0], label) for label, own in curves.items() if own in run.signals))
+              *(line(run[own + suffix][:, 0], label) for label, own in curves.items() if own + suffix in run.signals))
         for name, curves in shown
     ]  # fmt: skip
+
+
+def turn_2(trace):
+    return turn(trace, '_2', ' by axis 5')
 
 
 def signal_panels(trace, signal):

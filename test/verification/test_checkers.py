@@ -455,9 +455,19 @@ def test_a_robot_with_a_rotary_axis_has_the_cases_of_its_drive_as_well():
     }
     assert 'winding_short axis4 moving' in [case.line for case in cases(short=True, rotary=['axis4'])]
     with pytest.raises(
-        RunError, match=r"contains the text 'axis4'; those of axis4 need a robot with a rotary axis"
+        RunError, match=r"contains the text 'axis4': the robot has no axis4 .* \(rotary.present"
     ):
         cases(only='axis4')
+
+
+def test_a_second_rotary_axis_has_the_cases_of_the_first():
+    one, two = ({case.line for case in cases(rotary=axes)} for axes in (['axis4'], ['axis4', 'axis5']))
+    assert two - one == {line.replace('axis4', 'axis5') for line in one if 'axis4' in line}
+    assert 'drop_at axis5 x2 held' in [case.line for case in cases(short=True, rotary=['axis4', 'axis5'])]
+    with pytest.raises(
+        RunError, match=r"contains the text 'axis5': the robot has no axis5 .* \(rotary_2.present"
+    ):
+        cases(only='axis5', rotary=['axis4'])
 
 
 def test_the_record_of_a_fourth_axis_is_its_own():

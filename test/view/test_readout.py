@@ -40,7 +40,7 @@ def test_tool_angle_is_shown_with_the_tcp_if_there_is_one():
     assert '123.40 deg' in shown
     assert '-0.050 deg' in shown
     both = readout.status(Facts(state='moving'), tcp, [turn, TurnInstant(np.radians(-30.0))])
-    assert 'tool_2' in both
+    assert 'tool 2' in both
     assert '-30.00 deg' in both
     assert 'deg' not in readout.status(Facts(state='moving'), tcp)
 

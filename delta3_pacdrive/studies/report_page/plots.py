@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from delta3_pacdrive.axes import ARMS, ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     DERIVED_SIGNALS,
@@ -81,6 +82,28 @@ class Plot:
         }
 
 
+def _of_rotary_axis(number: int) -> tuple[Plot, ...]:
+    """Return the plots of rotary axis ``number``, from 0."""
+    position, command, true, error, speed, current = (
+        numbered(f'turn_{name}', number)
+        for name in ('position', 'command', 'true', 'error', 'speed', 'current')
+    )
+    axis = f'axis {ARMS + 1 + number}'
+    of_axis = f', {axis}' if number else ''
+    return (
+        Plot(
+            f'Angle of the tool{of_axis}',
+            'deg',
+            DEG,
+            ((position, ACTUAL), (command, COMMAND), (true, TRUE)),
+            ('turn',),
+        ),
+        Plot(f'Error of the angle of the tool{of_axis}', 'deg', DEG, ((error, ACTUAL),), ('error',)),
+        Plot(f'Speed of the tool{of_axis}', 'deg/s', DEG, ((speed, ACTUAL),), ('speed',), shown=False),
+        Plot(f'Current of {axis if number else "the rotary axis"}', 'A', 1.0, ((current, ACTUAL),), (axis,)),
+    )
+
+
 PLOTS = (
     Plot('TCP speed', 'm/s', 1.0, (('tcp_speed', ACTUAL), ('master_speed', COMMAND)), ('speed',)),
     Plot(
@@ -119,16 +142,7 @@ PLOTS = (
     Plot(
         'TCP position', 'mm', 1e3, (('tcp_actual', ACTUAL), ('tcp_command', COMMAND), ('tcp_true', TRUE)), XYZ
     ),
-    Plot(
-        'Angle of the tool',
-        'deg',
-        DEG,
-        (('turn_position', ACTUAL), ('turn_command', COMMAND), ('turn_true', TRUE)),
-        ('turn',),
-    ),
-    Plot('Error of the angle of the tool', 'deg', DEG, (('turn_error', ACTUAL),), ('error',)),
-    Plot('Speed of the tool', 'deg/s', DEG, (('turn_speed', ACTUAL),), ('speed',), shown=False),
-    Plot('Current of the rotary axis', 'A', 1.0, (('turn_current', ACTUAL),), ('axis 4',)),
+    *(plot for number in range(ROTARY_AXES_MAX) for plot in _of_rotary_axis(number)),
     Plot('Coupling torque d', 'N m', 1.0, (('coupling_torque', ACTUAL),), AXES, shown=False),
     Plot('True motor shaft', 'deg', DEG, (('shaft_position', ACTUAL),), AXES, shown=False),
     Plot('True motor speed', 'rpm', 60.0 / math.tau, (('shaft_speed', ACTUAL),), AXES, shown=False),

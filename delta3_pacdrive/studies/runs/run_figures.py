@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive.axes import ARMS, numbered
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, columns_of
 from delta3_pacdrive.recording.tables import quantities
@@ -72,7 +73,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     folder
         Destination; files of the same names are overwritten.
     signals
-        Names of the signals to draw; None: the figures of the thesis, and the rotation of a rotary axis.
+        Names of the signals to draw; None: the figures of the thesis, and the rotation of each rotary axis.
 
     Returns
     -------
@@ -91,11 +92,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     drawings = {
         f'{make.__name__}.png': partial(make, trace)
         for make, subject in FIGURES.items()
-        if (
-            subject in signals
-            if signals is not None
-            else make is not turn or 'turn_position' in trace.signals
-        )
+        if (subject in signals if signals is not None else make not in TURNS or subject in trace.signals)
     }
     for signal in signals or ():
         if signal not in FIGURES.values():
@@ -246,8 +243,19 @@ def tcp_speed(trace: Trace) -> Figure:
 
 def turn(trace: Trace) -> Figure:
     """Rotation of the tool: commanded, measured and true angle, its error, and the current of its motor."""
+    return _turn_of(trace, 0)
+
+
+def turn_2(trace: Trace) -> Figure:
+    """Rotation of the tool by the second rotary axis."""
+    return _turn_of(trace, 1)
+
+
+def _turn_of(trace: Trace, number: int) -> Figure:
+    """Draw the rotation of rotary axis ``number``, from 0."""
     run = program_part(trace)
-    figure, panels = _panels(run, 'Turn of the tool', ['angle [deg]', 'error [deg]', 'current [A]'])
+    title = 'Turn of the tool' + (f' by axis {ARMS + 1 + number}' if number else '')
+    figure, panels = _panels(run, title, ['angle [deg]', 'error [deg]', 'current [A]'])
     curves = (
         (0, 'turn_position', 'actual', ACTUAL | {'color': AXIS_COLOURS[0]}),
         (0, 'turn_true', 'true', TRUE | {'color': AXIS_COLOURS[1]}),
@@ -255,8 +263,9 @@ def turn(trace: Trace) -> Figure:
         (1, 'turn_error', 'by the encoder, set-point delay removed', ACTUAL | {'color': NORM_COLOUR}),
         (2, 'turn_current', 'sample of the AT', ACTUAL | {'color': NORM_COLOUR}),
     )
-    for panel, signal, label, style in curves:
-        if signal in run.signals or signal == 'turn_position':  # required: raises if it is missing
+    for panel, name, label, style in curves:
+        signal = numbered(name, number)
+        if signal in run.signals or name == 'turn_position':  # required: raises if it is missing
             values = run[signal][:, 0]
             panels[panel].plot(run.time_s, values if panel == 2 else np.degrees(values), label=label, **style)
     keep_span(panels, 1e-2)
@@ -290,7 +299,9 @@ FIGURES: dict[Callable[[Trace], Figure], str] = {
     master: 'master',
     tcp_speed: 'tcp_velocity',
     turn: 'turn_position',
+    turn_2: 'turn_position_2',
 }
+TURNS = turn, turn_2  # drawn for runs with the axis
 
 
 def _arm_deg(trace: Trace, signal: str) -> Floats:

@@ -8,7 +8,7 @@ from typing import Any
 from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
 from delta3_pacdrive.robot.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
 from delta3_pacdrive.robot.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT, ROTARY_DRIVES, lack_of
 
 
 class State(StrEnum):
@@ -232,8 +232,9 @@ SHORT = (
     'emergency_stop stopped by fault',
     'kill transformation_task starting',
 )
-SHORT_OF_TOOL = ('drop_at axis4 x2 held', 'winding_short axis4 moving')
-WITHOUT_TOOL = '; those of axis4 need a robot with a rotary axis (rotary.present)'
+SHORT_OF_TOOL = tuple(
+    line for axis in ROTARY_DRIVES for line in (f'drop_at {axis} x2 held', f'winding_short {axis} moving')
+)
 
 
 def _of_row(row: _Row) -> list[Case]:
@@ -280,7 +281,6 @@ def cases(short: bool = False, only: str = '', rotary: Sequence[str] = ()) -> li
     lines = (*SHORT, *SHORT_OF_TOOL)
     found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:
-        raise RunError(
-            f'no case of the catalogue contains the text {only!r}' + ('' if rotary else WITHOUT_TOOL)
-        )
+        lacking = ''.join(f': {lack_of(axis)}' for axis in ROTARY_DRIVES[len(rotary) :] if axis in only)
+        raise RunError(f'no case of the catalogue contains the text {only!r}{lacking}')
     return found

@@ -31,9 +31,9 @@ PLACED = """
 def run(tmp_path_factory, robot):
     folder = tmp_path_factory.mktemp('runs')
     (folder / 'p.yaml').write_text(
-        'payload_kg: 0.5\nmoves: [{move_l: {to_m: [0.2, 0.1, -0.8], turn_deg: 180, speed_m_s: 4.0}}]'
+        'payload_kg: 0.5\nmoves: [{move_l: {to_m: [0.2, 0.1, -0.8], turn_deg: [220, -40], speed_m_s: 4.0}}]'
     )
-    turning = robot.replace(rotary__present=True)
+    turning = robot.replace(rotary__present=True, rotary_2__present=True)
     simulation.run(program_file.load(folder / 'p.yaml', turning.motion), turning).save(folder / 'p.npz')
     return runs.load(str(folder / 'p.npz'))
 
@@ -61,7 +61,12 @@ def placed(visit, robot, name):
 def there(run, time_s):
     row = round((time_s - run.window.time_s[0]) / run.period_s)
     theta = run.window['motor_position'][row] / run.robot.dynamics.gear_ratio
-    return row, poses(theta, run.robot, run.window['turn_position'][row, 0])
+    return row, poses(theta, run.robot, tool_rad(run, 'turn_position', row))
+
+
+def tool_rad(run, name, row):
+    """Return the sum over both rotary axes [rad]."""
+    return sum(run.window[signal][row, 0] for signal in (name, f'{name}_2'))
 
 
 def test_tool_and_bar_are_drawn_as_the_run_has_them(visit, run):
@@ -69,7 +74,7 @@ def test_tool_and_bar_are_drawn_as_the_run_has_them(visit, run):
     for time_s in INSTANTS_S:
         seek(visit, time_s)
         row, expected = there(run, time_s)
-        turned.append(math.degrees(run.window['turn_position'][row, 0]))
+        turned.append(math.degrees(tool_rad(run, 'turn_position', row)))
         for name in ('plate', 'tool', 'payload', 'pointer', 'bar_tube', 'bar_rod', 'motor4'):
             position, quaternion = placed(visit, 'delta3.stage.robot', name)
             assert position == pytest.approx(expected.of(name)[0], abs=ROUNDED), name
@@ -85,8 +90,8 @@ def test_tool_of_the_ghost_is_offset_by_the_magnified_error(visit, run):
     time_s = INSTANTS_S[2]
     seek(visit, time_s)
     row, _ = there(run, time_s)
-    error = run.window['turn_error'][row, 0]
-    angle = run.window['turn_position'][row, 0] + 100.0 * error
+    error = tool_rad(run, 'turn_error', row)
+    angle = tool_rad(run, 'turn_position', row) + 100.0 * error
     _, (x, y, z, w) = placed(visit, 'delta3.stage.ghosts[0].robot', 'pointer')
     assert (x, y) == (0.0, 0.0)
     assert abs(error) > 1e-5
@@ -145,6 +150,10 @@ def test_plots_of_the_rotation_are_on_the_page_in_degrees(text):
     ]  # fmt: skip
     assert (angle['unit'], angle['shown'], round(angle['factor'], 6)) == ('deg', True, 57.29578)
     assert {'Error of the angle of the tool', 'Current of the rotary axis'} < plots.keys()
+    second = plots['Angle of the tool, axis 5']
+    assert [one['name'] for one in second['signals']] == ['turn_position_2', 'turn_command_2', 'turn_true_2']
+    assert (second['unit'], second['shown'], second['factor']) == ('deg', True, angle['factor'])
+    assert {'Error of the angle of the tool, axis 5', 'Current of axis 5'} < plots.keys()
 
 
 def test_page_of_a_robot_without_the_axis_does_not_contain_it():

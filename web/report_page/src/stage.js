@@ -222,7 +222,7 @@ export class Stage {
       lines.push(`TCP ${x}, ${y}, ${z} mm`);
     }
     if (run.has('turn_position')) {
-      lines.push(`tool ${((180 / Math.PI) * run.at('turn_position', time)[0]).toFixed(2)} deg`);
+      lines.push(`tool ${((180 / Math.PI) * turnOf(run, 'turn_position', time, false)).toFixed(2)} deg`);
     }
     if (run.has('tcp_error_norm')) lines.push(`error ${(1e3 * run.at('tcp_error_norm', time)[0]).toFixed(3)} mm`);
     const move = run.moves.find(([, , from, to]) => from <= time && time < to);
@@ -252,9 +252,10 @@ function actualPose(run, time) {
   return { tcp, angles: angles.map((angle) => angle / run.gear_ratio), turn: turnOf(run, 'turn_position', time) };
 }
 
-// Angle of the tool, or a difference of it [rad]; 0 of a run that tells of no rotary axis.
-function turnOf(run, name, time) {
-  return run.has(name) ? run.at(name, time, true)[0] : 0;
+// Angle of the tool, or a difference of it [rad]: the sum over its rotary axes, 0 without one.
+function turnOf(run, name, time, smooth = true) {
+  const held = [name, `${name}_2`].filter((signal) => run.has(signal));
+  return held.reduce((sum, signal) => sum + run.at(signal, time, smooth)[0], 0);
 }
 
 // A pose that stands off another one by a difference, magnified.

@@ -1,28 +1,22 @@
-"""The tuned drive: that of an arm or of the rotary axis; loops and bench are the same for both."""
+"""The tuned drive: that of an arm or of a rotary axis; loops and bench are the same for both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.axes import ARMS, numbered
 from delta3_pacdrive.errors import TuningError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program, turns_of
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.sercos.configuration_check import lack_of
 from delta3_pacdrive.studies.drives.loops.load import Load, extremes, load_at
 
-TOOL_AXIS = 4
-HALF_TURN = {
-    'name': 'half a turn and back',
-    'moves': [
-        {'turn': {'to_deg': 180}},
-        {'dwell': {'time_s': 0.2}},
-        {'turn': {'to_deg': 0}},
-        {'dwell': {'time_s': 0.2}},
-    ],
-}
+HALF_TURN = 'half a turn and back'
 
 
 @dataclass(frozen=True)
@@ -31,6 +25,11 @@ class ArmDrive:
 
     axis: int
     usual_program = 'experiment1'  # packaged; empty for a program of this module
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Numbers of the axes in ``following_error``."""
+        return tuple(range(1, ARMS + 1))
 
     def in_loops(self, robot: Parameters) -> Parameters:
         """Return the parameters of its loops."""
@@ -59,20 +58,28 @@ class ArmDrive:
 
 
 class ToolDrive(ArmDrive):
-    """Drive of the rotary axis; bar, tool and part are its load in every pose. Raises TuningError without one."""
+    """Drive of a rotary axis; bar, tool and part are its load in every pose. Raises TuningError without one."""
 
     usual_program = ''
 
-    def __init__(self, robot: Parameters) -> None:
-        if not robot.rotary_axes:
-            raise TuningError(
-                f'--axis is {TOOL_AXIS}, but the robot has no rotary axis (rotary.present is false)'
-            )
-        super().__init__(TOOL_AXIS)
+    def __init__(self, axis: int, robot: Parameters) -> None:
+        super().__init__(axis)
+        if self._number >= len(robot.rotary_axes):
+            raise TuningError(f'--axis is {axis}, but {lack_of(f"axis{axis}")}')
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Numbers of the axes in ``following_error``."""
+        return (self.axis,)
+
+    @property
+    def _number(self) -> int:
+        """Number of the rotary axis, from 0."""
+        return self.axis - 1 - ARMS
 
     def in_loops(self, robot: Parameters) -> Parameters:
         """Return the parameters of its loops; the bar is modelled as a gear, elastic in a built robot."""
-        own, rotary = rotary_axis_parameters(robot, 0), robot.rotary
+        own, rotary = rotary_axis_parameters(robot, self._number), robot.rotary_axes[self._number]
         gear = replace(
             own.rich,
             gear_stiffness_n_m_rad=rotary.bar_stiffness_n_m_rad,
@@ -93,36 +100,45 @@ class ToolDrive(ArmDrive):
 
     def _load(self, payload_kg: float, robot: Parameters) -> Load:
         part = f'a part of {payload_kg:g} kg' if payload_kg else 'no part'
-        return Load(f'tool with {part}', robot.rotary.shaft_inertia_kg_m2(payload_kg))
+        return Load(f'tool with {part}', robot.rotary_axes[self._number].shaft_inertia_kg_m2(payload_kg))
 
     def program(self, name: str | None, robot: Parameters) -> Program:
-        """Return a program that turns the tool; without a name half a turn and back.
+        """Return a program that turns the tool; without a name half a turn of this axis and back.
 
         Raises
         ------
         ProgramError
             The program is invalid.
         TuningError
-            It does not turn the tool.
+            It does not turn the tool by this axis.
 
         """
         if name is None:
-            return programs.parse(HALF_TURN, robot.motion)
+            return programs.parse({'name': HALF_TURN, 'moves': self._half_turn()}, robot.motion)
         program = programs.load(name, robot.motion)
-        if not any(map(turns_of, program.statements)):
-            raise TuningError(f'{name} does not turn the tool: it cannot show the effect on its drive')
+        if not any(len(turns_of(statement)) > self._number for statement in program.statements):
+            raise TuningError(
+                f'{name} does not turn the tool by axis{self.axis}: it cannot show the effect on its drive'
+            )
         return program
+
+    def _half_turn(self) -> list[dict[str, Any]]:
+        kept, dwell = [{'by_deg': 0}] * self._number, {'dwell': {'time_s': 0.2}}
+        there, back = ({'turn': {'to_deg': [*kept, angle]}} for angle in (180, 0))
+        return [there, dwell, back, dwell]
 
     def following_error(self, trace: Trace, robot: Parameters) -> Floats:
         """Return the error of the rotation [rad, motor side], shape (cycles, 1)."""
-        return np.asarray(trace['turn_error'] * robot.rotary.gear_ratio)
+        gear = robot.rotary_axes[self._number].gear_ratio
+        return np.asarray(trace[numbered('turn_error', self._number)] * gear)
 
     def currents(self, trace: Trace) -> tuple[float, float]:
         """Return peak and rms current [A] of its motor."""
         figures = trace.meta['figures']
-        return float(figures['turn_current_peak_a']), float(figures['turn_current_rms_a'])
+        peak, rms = (numbered(f'turn_current_{name}_a', self._number) for name in ('peak', 'rms'))
+        return float(figures[peak]), float(figures[rms])
 
 
 def tuned_drive(axis: int, robot: Parameters) -> ArmDrive:
-    """Return the drive of an axis, 1 to 4; raises TuningError."""
-    return ToolDrive(robot) if axis == TOOL_AXIS else ArmDrive(axis)
+    """Return the drive of an axis, 1 to 5; raises TuningError."""
+    return ToolDrive(axis, robot) if axis > ARMS else ArmDrive(axis)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.axes import ARMS, numbered
 from delta3_pacdrive.errors import ParameterError, TuningError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Drive, Parameters, Rotary, flatten
@@ -52,7 +53,7 @@ class Setting:
 
     name: str  # field of the group drive, or an IDN of ACTION_TIMES
     value: float  # [SI], in the unit of the field
-    of_tool: bool = False  # set the value of the rotary axis if it has its own
+    axis: int = 1  # number of the drive; a rotary axis has some values of its own
 
     @property
     def text(self) -> str:
@@ -70,19 +71,20 @@ class Setting:
         return parameters.replace(**{f'{self._group_of(name)}__{name}': value})
 
     def _group_of(self, name: str) -> str:
-        """Return the group of a parameter; the rotary axis uses the group ``drive`` for values it does not have."""
-        return 'rotary' if self.of_tool and name in OF_TOOL else 'drive'
+        """Return the group of a parameter; a rotary axis uses the group ``drive`` for values it does not have."""
+        number = self.axis - 1 - ARMS
+        return numbered('rotary', number) if number >= 0 and name in OF_TOOL else 'drive'
 
 
-def parse(text: str, of_tool: bool = False) -> Setting:
-    """Parse ``NAME=VALUE`` for a drive of an arm or of the tool; raises TuningError."""
+def parse(text: str, axis: int = 1) -> Setting:
+    """Parse ``NAME=VALUE`` for the drive of an axis; raises TuningError."""
     name, equals, value = text.partition('=')
     if not equals:
         raise TuningError(f'{shown(text)} is not a setting: expected NAME=VALUE, such as K_Ppos=80')
-    return Setting(_resolve(name.strip()), _number(value, text), of_tool)
+    return Setting(_resolve(name.strip()), _number(value, text), axis)
 
 
-def parse_sweep(text: str, of_tool: bool = False) -> tuple[Setting, ...]:
+def parse_sweep(text: str, axis: int = 1) -> tuple[Setting, ...]:
     """Parse ``NAME=LOW:HIGH:N`` into N equidistant settings; raises TuningError."""
     name, equals, rest = text.partition('=')
     parts = rest.split(':')
@@ -97,7 +99,7 @@ def parse_sweep(text: str, of_tool: bool = False) -> tuple[Setting, ...]:
         raise TuningError(f'the sweep {shown(text)} must go from a smaller value to a larger one')
     resolved = _resolve(name.strip())
     values: Floats = np.linspace(low, high, int(count))
-    return tuple(Setting(resolved, float(value), of_tool) for value in values)
+    return tuple(Setting(resolved, float(value), axis) for value in values)
 
 
 def apply(settings: Sequence[Setting], parameters: Parameters) -> Parameters:

@@ -10,7 +10,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program.model import Program
-from delta3_pacdrive.studies.drives.loops.tuned_drive import TOOL_AXIS, ArmDrive
+from delta3_pacdrive.studies.drives.loops.tuned_drive import ArmDrive
 from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 ARMS = ArmDrive(1)  # an arm stands for all arms in the figures of a program
@@ -32,12 +32,7 @@ class Effect:
     time_s: Annotated[Floats, HIDDEN]  # from the start of the program, shape (cycles,)
     following_error_rad: Annotated[Floats, HIDDEN]  # shape (cycles, 3), or (cycles, 1) for the tool
     tcp_error_m: Annotated[Floats, HIDDEN]  # shape (cycles,)
-
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """Numbers of the axes in ``following_error_rad``."""
-        count = self.following_error_rad.shape[1]
-        return tuple(range(1, count + 1)) if count > 1 else (TOOL_AXIS,)
+    axes: Annotated[tuple[int, ...], HIDDEN]  # numbers of the axes in ``following_error_rad``
 
 
 def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Effect:
@@ -60,6 +55,7 @@ def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Eff
             time_s=nothing,
             following_error_rad=np.empty((0, 3)),
             tcp_error_m=nothing,
+            axes=drive.axes,
         )
     first = int(trace.meta['start_cycle'])
     following = drive.following_error(trace, parameters)[first:]
@@ -77,4 +73,5 @@ def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Eff
         time_s=trace.time_s[first:] - trace.time_s[first],
         following_error_rad=following,
         tcp_error_m=tcp,
+        axes=drive.axes,
     )

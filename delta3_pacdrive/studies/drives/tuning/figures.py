@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.axes import ARMS
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.studies.drives.loops.analysis import LoopResult
 from delta3_pacdrive.studies.drives.loops.disturbance import LOAD_N_M
 from delta3_pacdrive.studies.drives.loops.identification import Measured
 from delta3_pacdrive.studies.drives.loops.response import Complex, decibels, degrees
-from delta3_pacdrive.studies.drives.loops.tuned_drive import TOOL_AXIS
 from delta3_pacdrive.studies.drives.tuning.effect import Effect
 from delta3_pacdrive.studies.drives.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.studies.drives.tuning.study import Results, SweepPoint, Variant
@@ -182,7 +182,7 @@ def effects(variants: dict[str, Variant]) -> Figure:
     """Draw the following error of the drives and the TCP error over a program."""
     figure = titled_figure('Following error of the program', 6.6)
     axes = next((v.effect.axes for v in variants.values() if len(v.effect.time_s)), (1, 2, 3))
-    drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
+    drives = [f'arm {axis}' if axis <= ARMS else 'motor of the tool' for axis in axes]
     labels = [*(f'{drive}\n[mdeg]' for drive in drives), 'TCP error\n[µm]']
     panels = column_of_panels(figure, labels, 'time from the start of the program [s]')
     shown = merged({name: variant.effect for name, variant in variants.items()}, _same_effect)

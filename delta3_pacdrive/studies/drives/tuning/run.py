@@ -22,7 +22,7 @@ from delta3_pacdrive.studies.drives.loops.analysis import (
 )
 from delta3_pacdrive.studies.drives.loops.disturbance import rejection
 from delta3_pacdrive.studies.drives.loops.loops import Entry, linear_cascade
-from delta3_pacdrive.studies.drives.loops.tuned_drive import TOOL_AXIS, tuned_drive
+from delta3_pacdrive.studies.drives.loops.tuned_drive import tuned_drive
 from delta3_pacdrive.studies.drives.tuning import drive_settings as settings
 from delta3_pacdrive.studies.drives.tuning import effect, figures, gains, measured_response, report
 from delta3_pacdrive.studies.drives.tuning.drive_settings import Setting
@@ -58,10 +58,9 @@ class Study(studies.Study):
         margins = {'phase_deg': chosen.phase_margin_deg, 'gain_db': chosen.gain_margin_db}
         self._margins_given = {name: value for name, value in margins.items() if value is not None}
         self._targets = Targets(**self._margins_given) if chosen.auto else None
-        of_tool = chosen.axis == TOOL_AXIS
-        self._changes = [settings.parse(text, of_tool) for text in chosen.changes]
+        self._changes = [settings.parse(text, chosen.axis) for text in chosen.changes]
         self._changed = settings.apply(self._changes, self.robot)
-        self._sweep = settings.parse_sweep(chosen.sweep, of_tool) if chosen.sweep else ()
+        self._sweep = settings.parse_sweep(chosen.sweep, chosen.axis) if chosen.sweep else ()
         for setting in self._sweep:
             setting.apply(self._changed)
         self._loads = (self.operation.load, *self._drive.extremes(self.robot))

@@ -18,7 +18,7 @@ class Settings:
     parameters: str | None = None  # file; None: packaged parameters
     pose_m: tuple[float, float, float] | None = None  # operating point; None: home
     payload_kg: float | None = None  # None: as in the parameters
-    axis: int = 1  # 1 to 3: arm; 4: rotary axis
+    axis: int = 1  # 1 to 3: arm; 4 or 5: rotary axis
     speed_rad_s: float = 10.0  # of the bench, motor side
     amplitude: float = 1.0  # multiple of the default excitations
     changes: tuple[str, ...] = ()  # NAME=VALUE; empty: no comparison

@@ -78,26 +78,27 @@ def test_the_bar_of_a_built_robot_gives(built, turning):
     assert elastic.margins.gain_margin_db < rigid.margins.gain_margin_db - 3.0
 
 
-def test_written_gains_are_those_of_the_addressed_drive(turning):
+@pytest.mark.parametrize(('axis', 'group', 'other'), [(4, 'rotary', 'rotary_2'), (5, 'rotary_2', 'rotary')])
+def test_written_gains_are_those_of_the_addressed_drive(axis, group, other, turning):
+    robot = turning.replace(rotary_2__present=True)
     changed = settings.apply(
-        [
-            settings.parse(text, of_tool=True)
-            for text in ('K_Pvel=0.2', 'S-0-0101=0.01', 'velocity_filter_s=4e-4')
-        ],
-        turning,
+        [settings.parse(text, axis) for text in ('K_Pvel=0.2', 'S-0-0101=0.01', 'velocity_filter_s=4e-4')],
+        robot,
     )
-    assert changed.drive.velocity_gain_a_s_rad == turning.drive.velocity_gain_a_s_rad
-    assert changed.rotary.velocity_gain_a_s_rad == 0.2
-    assert changed.rotary.velocity_integral_gain_a_rad == pytest.approx(20.0)
+    assert changed.drive.velocity_gain_a_s_rad == robot.drive.velocity_gain_a_s_rad
+    assert getattr(changed, other) == getattr(robot, other)
+    own = getattr(changed, group)
+    assert own.velocity_gain_a_s_rad == 0.2
+    assert own.velocity_integral_gain_a_rad == pytest.approx(20.0)
     assert changed.drive.velocity_filter_s == 4e-4  # that of all drives
-    swept = settings.parse_sweep('K_Ppos=50:100:2', of_tool=True)
-    assert [one.apply(turning).rotary.position_gain_rad_s_rad for one in swept] == [50.0, 100.0]
+    swept = settings.parse_sweep('K_Ppos=50:100:2', axis)
+    assert [getattr(one.apply(robot), group).position_gain_rad_s_rad for one in swept] == [50.0, 100.0]
 
 
 def test_the_effect_is_that_on_the_turn(turning):
     drive = tuned_drive(4, turning)
     program = drive.program(None, turning)
-    assert program.name == HALF_TURN['name']
+    assert program.name == HALF_TURN
     found = effect.run(program, turning, drive)
     trace = run(program, turning)
     first = trace.meta['start_cycle']
@@ -109,9 +110,30 @@ def test_the_effect_is_that_on_the_turn(turning):
     assert effect.run(program, weak, drive).following_error_max_rad > 2.0 * found.following_error_max_rad
 
 
+def test_the_second_axis_has_its_own_load_turn_and_errors(turning):
+    robot = turning.replace(
+        rotary_2__present=True, rotary_2__gear_ratio=7.0, rotary_2__tool_inertia_kg_m2=9e-3
+    )
+    drive = tuned_drive(5, robot)
+    assert drive.in_loops(robot).dynamics.gear_ratio == 7.0
+    assert drive.load(None, robot).inertia_kg_m2 == robot.rotary_2.shaft_inertia_kg_m2(0.5)
+    program = drive.program(None, robot)
+    found, trace = effect.run(program, robot, drive), run(program, robot)
+    assert np.ptp(trace['turn_command']) == 0.0
+    assert np.ptp(trace['turn_command_2']) == pytest.approx(math.pi)
+    first = trace.meta['start_cycle']
+    np.testing.assert_array_equal(found.following_error_rad, 7.0 * trace['turn_error_2'][first:])
+    assert found.axes == (5,)
+    assert found.current_peak_a == trace.meta['figures']['turn_current_peak_a_2'] > 1.0
+    with pytest.raises(
+        TuningError, match=r'^--axis is 5, but the robot has no axis5 for a rotary axis \(rotary_2'
+    ):
+        tuned_drive(5, turning)
+
+
 def test_options_for_absent_axes_are_rejected(tmp_path):
     with pytest.raises(
-        TuningError, match=r'^--axis is 4, but the robot has no rotary axis \(rotary.present is'
+        TuningError, match=r'^--axis is 4, but the robot has no axis4 for a rotary axis \(rotary.present is'
     ):
         Study(Settings('model', axis=4), tmp_path / 'tuning', '', lambda *_: None)
     with pytest.raises(
@@ -119,12 +141,16 @@ def test_options_for_absent_axes_are_rejected(tmp_path):
     ):
         study_of(tmp_path, pose_m=(0.0, 0.0, -0.8))
     with pytest.raises(
-        TuningError, match=r'^experiment1 does not turn the tool: it cannot show the effect on its drive'
+        TuningError,
+        match=r'^experiment1 does not turn the tool by axis4: it cannot show the effect on its drive',
     ):
         study_of(tmp_path, program='experiment1')
     turned = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8], 'turn_deg': 90}}]}
     (tmp_path / 'turned.yaml').write_text(yaml.safe_dump(turned))
     assert study_of(tmp_path, program=str(tmp_path / 'turned.yaml')).program.statements[0].turns
+    second = Settings('rotary_2', axis=5, program=str(tmp_path / 'turned.yaml'))
+    with pytest.raises(TuningError, match=r'turned.yaml does not turn the tool by axis5'):
+        Study(second, tmp_path / 'tuning', '', lambda *_: None)
     assert not (tmp_path / 'tuning').exists()
 
 

@@ -501,7 +501,7 @@ def test_options_of_an_excitation_change_their_quantities(tmp_path, capsys):
             ['--excite', 'x.npz', '--set', 'K_Pvel=1'],
             'cannot be combined with --recording, --set, --sweep, --propose or --exchange-period',
         ),
-        (['--axis', '5'], 'invalid choice'),
+        (['--axis', '6'], 'invalid choice'),
         (['--noise', '-1', '--excite', 'x.npz'], "'-1' must be a number between 0 and 1000"),
         (['--seed', '-1', '--excite', 'x.npz'], "'-1' must be a whole number between 0"),
     ],
