@@ -6,6 +6,7 @@ import pytest
 import delta3_pacdrive as d3
 from delta3_pacdrive import scripting
 from delta3_pacdrive.errors import Code
+from delta3_pacdrive.scripting import moves
 from delta3_pacdrive.scripting.script_orders import AHEAD_S
 
 FIXED = [
@@ -142,6 +143,21 @@ def test_late_corner_is_reported_with_its_line(robot):
     (notice,) = driven(robot, script).meta['notices']
     assert 'test_decisions.py:' in notice
     assert notice.endswith('the corner before this move is not rounded: the order is too late')
+
+
+def test_a_sequence_of_rounded_corners_ends_at_its_limit_of_statements(robot, monkeypatch):
+    assert moves.REPLANNED_MAX == 200
+    monkeypatch.setattr(moves, 'REPLANNED_MAX', 3)
+
+    def script(called, points):
+        for point in points:
+            called.move_l(to_mm=point, blend_mm=5)
+            called.wait_time(0.02)  # sends the move
+
+    points = [*TWO_POINTS, (0, 150, -750), (0, -150, -750)]
+    assert driven(robot, lambda called: script(called, points[:3])).meta['notices'] == []
+    (notice,) = driven(robot, lambda called: script(called, points)).meta['notices']
+    assert notice.endswith('is not rounded: a sequence of rounded corners has at most 3 statements')
 
 
 def test_wait_ends_with_the_robot_in_position(robot):

@@ -76,7 +76,7 @@ class AppendPoint:
         elif splice.again and begins_at_rest(statements):
             open_corner = 'they begin at rest'
         elif splice.again and len(splice.again) + len(statements) > statements_max:
-            open_corner = f'a sequence has at most {statements_max} statements'
+            open_corner = f'a sequence of rounded corners has at most {statements_max} statements'
         if open_corner:
             splice = self.running.splice(rounded=False)
         program = program_of(splice)

@@ -256,7 +256,7 @@ def test_a_sequence_of_rounded_corners_that_has_become_long_ends_in_a_corner(dri
     points, moves = rounded_moves(APPENDED_MAX + 2)
     driver.ask(f'[{", ".join(moves[:-2])}]')
     driver.rig.run(1000)  # until there is room for more
-    assert 'is not rounded: a sequence has at most 100 statements' in driver.ask(moves[-2])
+    assert 'is not rounded: a sequence of rounded corners has at most 100 statements' in driver.ask(moves[-2])
     assert 'not rounded' not in driver.ask(moves[-1])
     driver.rig.finish()
     driver.smooth()
