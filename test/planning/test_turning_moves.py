@@ -504,6 +504,9 @@ def test_more_angles_than_rotary_axes_are_rejected(wrist, machine, robot):
     for angles in ([], [0, 1, 2]):
         sentence = refusal([{'turn': {'to_deg': angles}}], wrist)
         assert f'has {len(angles)} angles, but must have 1 to 2: one per rotary axis' in sentence
+    limits = '[1] is 1047.2, but must be between -1000 and 1000 (in rad)'
+    assert f'moves[0].turn.to_deg{limits}' in refusal([{'turn': {'to_deg': [0, 6e4]}}], wrist)
+    assert f'start_turn_deg{limits}' in refusal([{'turn': {'to_deg': 10}}], wrist, start_turn_deg=[0, 6e4])
 
 
 def test_program_that_starts_in_the_middle_has_defined_angles_of_all_axes(wrist):

@@ -165,6 +165,25 @@ def test_a_home_out_of_reach_is_rejected(robot):
         mjcf(robot.replace(motion__home_m=(0.0, 0.0, -2.0)))
 
 
+@pytest.fixture
+def wrist(robot):
+    """A robot with two different rotary axes, turned at home, that holds a part."""
+    second = {
+        'gear_ratio': 7.0,
+        'tool_inertia_kg_m2': 9e-3,
+        'part_gyration_radius_m': 0.11,
+        'home_deg': -50.0,
+    }
+    second |= {'peak_current_a': 13.0, 'angle_max_deg': 300.0}
+    return robot.replace(
+        rotary__present=True,
+        rotary__home_deg=20.0,
+        rotary_2__present=True,
+        dynamics__payload_mass_kg=0.5,
+        **{f'rotary_2__{name}': value for name, value in second.items()},
+    )
+
+
 def turned_by_plant(robot, torque, steps):
     """Angle and speed of the tool of the plant after as many current samples under a torque, from home and at rest."""
     current = torque / (robot.rotary.gear_ratio * robot.rotary.torque_constant_n_m_a)
@@ -212,11 +231,26 @@ def test_the_motor_of_the_tool_has_the_torque_and_the_limits_of_the_rotary_axis(
     assert loaded(mjcf(robot))[0].nu == 3
 
 
-def test_each_of_several_rotary_axes_has_a_hinge_and_a_motor(robot):
-    turning = robot.replace(rotary__present=True, rotary_2__present=True, rotary_2__peak_current_a=13.0)
-    model, _ = loaded(mjcf(turning))
+def test_each_of_several_rotary_axes_has_a_hinge_and_a_motor(wrist):
+    model, _ = loaded(mjcf(wrist))
     assert model.nu == 5
-    limits = [model.actuator(axis).ctrlrange[1] for axis in ('axis4', 'axis5')]
-    assert limits[1] == pytest.approx(2.0 * limits[0])
+    for axis, rotary in zip(('axis4', 'axis5'), wrist.rotary_axes, strict=True):
+        limit = rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
+        assert model.actuator(axis).ctrlrange[1] == pytest.approx(limit)
+        assert model.joint(axis).range[1] == pytest.approx(np.radians(rotary.angle_max_deg))
     assert model.body('tool').parentid[0] == model.body('turned_axis4').id
     assert model.body('turned_axis4').parentid[0] == model.body('plate').id
+
+
+def test_rotary_axes_in_series_add_their_angles_and_the_first_one_carries_the_second(wrist):
+    model, data = loaded(mjcf(wrist))
+    x, y, _ = data.body('tool').xmat.reshape(3, 3)[:, 0]
+    assert np.degrees(np.arctan2(y, x)) == pytest.approx(20.0 - 50.0)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    shafts = [model.joint(axis).dofadr[0] for axis in ('axis4', 'axis5')]
+    first, second = wrist.rotary_axes
+    rotors = [rotary.gear_ratio**2 * rotary.rotor_inertia_kg_m2 for rotary in wrist.rotary_axes]
+    carried = second.inertia_kg_m2(0.5)  # the payload is in the tool, which the second axis turns
+    expected = [[rotors[0] + first.tool_inertia_kg_m2 + carried, carried], [carried, rotors[1] + carried]]
+    assert mass[np.ix_(shafts, shafts)] == pytest.approx(np.array(expected), rel=1e-9)

@@ -228,7 +228,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
         faults=fields.read('faults', faults, (), prefix=''),
         start_turns_rad=fields.read(
             'start_turn_rad',
-            lambda value, where: per_rotary_axis(value, where, errors, turn),
+            lambda value, where: per_rotary_axis(value, where, turn),
             (),
             prefix='',
         ),

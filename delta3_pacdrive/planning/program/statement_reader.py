@@ -250,7 +250,7 @@ class StatementReader:
                     f'{where}: tool {shown(name)} works {1e3 * offset_m:g} mm off the axis that would turn it; '
                     'points are not corrected for this offset'
                 )
-        angles = per_rotary_axis(value, where, self._errors, self._angle)
+        angles = per_rotary_axis(value, where, self._angle)
         return (*(_in_base(angle, where, setting) for angle in angles[:1]), *angles[1:])
 
     def _angle(self, value: Any, where: str) -> Angle:
@@ -282,13 +282,17 @@ def each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
     return tuple(found)
 
 
-def per_rotary_axis(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
+def per_rotary_axis(value: Any, where: str, read: Read) -> tuple[Any, ...]:
     """Read a value of the first rotary axis, or a list with one value for each of the first axes."""
     if not isinstance(value, list):
         return (read(value, where),)
     if not 1 <= len(value) <= ROTARY_AXES_MAX:
         refuse(f'{where} has {len(value)} angles, but must have 1 to {ROTARY_AXES_MAX}: one per rotary axis')
-    return each(value, where, errors, read)
+    found = []
+    for item, name, place in numbered(value, where):
+        with at(place):  # raised to the reader of the key, which adds the unit
+            found.append(read(item, name))
+    return tuple(found)
 
 
 def payload(value: Any, where: str, tool_kg: float = 0.0) -> float:
