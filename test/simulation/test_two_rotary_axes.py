@@ -7,6 +7,7 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.resume import resume
@@ -16,11 +17,28 @@ from delta3_pacdrive.simulation.stepped import SteppedOperation
 
 START, THERE = [-0.1525, 0.0, -0.85], [0.1525, 0.0, -0.85]
 ANGLES_DEG = [90.0, -40.0]
-OTHER = {
+OTHER = {  # of the second axis: no value of its motor, gear and loops is that of the first one
+    'peak_current_a': 5.0,
     'gear_ratio': 7.0,
+    'rotor_inertia_kg_m2': 0.5e-4,
     'tool_inertia_kg_m2': 9.0e-3,
     'part_gyration_radius_m': 0.11,
     'torque_constant_n_m_a': 0.7,
+    'winding_resistance_ohm': 7.0,
+    'winding_inductance_h': 16.0e-3,
+    'pole_pairs': 4,
+    'viscous_friction_n_m_s_rad': 2.0e-4,
+    'static_friction_n_m': 0.05,
+    'brake_torque_n_m': 2.5,
+    'backlash_deg': 0.02,
+    'bar_stiffness_n_m_rad': 900.0,
+    'bar_damping_n_m_s_rad': 0.5,
+    'position_gain_rad_s_rad': 90.0,
+    'velocity_gain_a_s_rad': 0.2,
+    'velocity_integral_gain_a_rad': 12.0,
+    'current_gain_v_a': 40.0,
+    'current_integral_gain_v_a_s': 20_000.0,
+    'following_error_limit_deg': 1.0,
     'position_window_deg': 0.06,
     'angle_max_deg': 300.0,
 }
@@ -76,18 +94,28 @@ def test_single_bus_cycles_give_the_bits_of_a_compiled_stretch(trace, machine):
     assert one_by_one.meta['figures'] == trace.meta['figures']
 
 
-def test_axes_in_exchanged_order_exchange_their_signals():
+# a load beyond the torque of both motors stops the robot and moves the shaft against its brake
+@pytest.mark.parametrize(('name', 'loads_n_m'), [('model', []), ('rich', []), ('model', [4.0])])
+def test_axes_in_exchanged_order_exchange_their_signals_and_figures(name, loads_n_m):
     one, other = {'home_deg': 5.0}, OTHER | {'home_deg': -20.0}
     runs = []
-    for axes, angles in (((one, other), [70, -30]), ((other, one), [-30, 70])):
-        machine = with_axes('model', *axes)
-        turned = program(machine, [{'move_l': LINE[0]['move_l'] | {'turn_deg': angles}}], payload_kg=0.5)
-        runs.append(simulation.run(turned, machine))
-    for name in TURN_SIGNALS:
+    for axis, axes, angles in (('axis5', (one, other), [70, -30]), ('axis4', (other, one), [-30, 70])):
+        machine = with_axes(name, *axes)
+        machine = machine.replace(rich__sensors=False)  # their errors are not those of the other encoder
+        overload = {'fault': 'overload', 'axis': axis, 'after_s': 0.3, 'for_s': 1.0}
+        faults = [overload | {'torque_n_m': load} for load in loads_n_m]
+        moves = [{'move_l': LINE[0]['move_l'] | {'turn_deg': angles}}]
+        runs.append(simulation.run(program(machine, moves, payload_kg=0.5, faults=faults), machine))
+        assert runs[-1].meta['stop_source'] == (axis if faults else '')
+    for signal in TURN_SIGNALS:
         for suffix, exchanged in (('', '_2'), ('_2', '')):
-            assert np.array_equal(runs[0][name + suffix], runs[1][name + exchanged]), name
+            assert np.array_equal(runs[0][signal + suffix], runs[1][signal + exchanged]), signal
     figures = [found.meta['figures'] for found in runs]
-    assert figures[0]['turn_current_peak_a'] == figures[1]['turn_current_peak_a_2']
+    turns = [figure for figure in figures[0] if f'{figure}_2' in figures[0]]
+    assert len(turns) == 5
+    for figure in turns:
+        assert figures[0][figure] == figures[1][f'{figure}_2'], figure
+        assert figures[0][f'{figure}_2'] == figures[1][figure], figure
 
 
 def test_the_motor_of_each_axis_accelerates_its_own_inertia():
@@ -117,6 +145,9 @@ def test_hold_and_override_keep_both_angles_with_the_path(machine):
     robot, task = Robot(placed), Transformation(placed)
     plan = program_planner.plan(program(machine), task.locate(robot.encoder_positions()), placed).plan
     task.enable(20)
+    elsewhere = program_planner.plan(program(machine, start_turn_deg=[0, 5]), START, placed).plan
+    with pytest.raises(ProgramError, match='the tool at 5 deg, but it is at 0 deg'):
+        task.load(elsewhere)
     task.load(plan)
     task.start(placed.motion.start_cycle)
     stepped = SteppedOperation(robot, task, placed, lambda cycle: 0, lambda: None)
