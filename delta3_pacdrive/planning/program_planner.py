@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, Rotary
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX
 from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.paths.move import MOVES_MAX, STANDING, Move
@@ -27,7 +27,7 @@ from delta3_pacdrive.planning.program.model import (
     turns_of,
 )
 from delta3_pacdrive.planning.program.parts import Part, parts
-from delta3_pacdrive.planning.rotating_move import NO_AXIS, axis_text, turn_load
+from delta3_pacdrive.planning.rotating_move import NO_AXIS, axis_text, tool_text, turn_load
 from delta3_pacdrive.planning.round_planner import Arches, PlanRequest, RoundPlanner
 from delta3_pacdrive.planning.thermal_load import AppendedLoad, ThermalLoad
 from delta3_pacdrive.planning.timing import time_parametrization
@@ -126,14 +126,16 @@ def _start_turns(program: Program, turns_rad: Sequence[float], parameters: Param
         return ()
     # a robot whose angles are unknown is at the start of the program, or at home
     actual = turns_rad or (*given, *(rotary.home_rad for rotary in axes[len(given) :]))
-    starts = zip(given, actual, axes, strict=False)
-    return (*(_start_turn(program, *one) for one in starts), *actual[len(given) :])
+    starts = zip(given, actual, strict=False)
+    checked = (_start_turn(program, *start, parameters, number) for number, start in enumerate(starts))
+    return (*checked, *actual[len(given) :])
 
 
-def _start_turn(program: Program, given: float, actual: float, rotary: Rotary) -> float:
-    """Return the angle of a rotary axis before a program that requires an angle [rad]."""
+def _start_turn(program: Program, given: float, actual: float, parameters: Parameters, number: int) -> float:
+    """Return the angle of rotary axis ``number`` before a program that requires an angle [rad]."""
+    rotary, tool = parameters.rotary_axes[number], tool_text(parameters, number)
     low, high = rotary.angle_min_deg, rotary.angle_max_deg
-    start = f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg'
+    start = f'program "{program.name}" starts with {tool} at {math.degrees(given):.6g} deg'
     if not low - ROUNDING_DEG <= math.degrees(given) <= high + ROUNDING_DEG:
         raise ProgramError(f'{start}, the limits are {low:g} and {high:g} deg')
     if abs(actual - given) > START_TOLERANCE_RAD:

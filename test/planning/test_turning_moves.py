@@ -333,7 +333,7 @@ def test_the_tool_stays_between_its_limits(machine):
     assert 'the tool would turn to -361 deg, the limits are -360 and 360 deg' in sentence
     assert 'the tool is already at 0 deg' in refusal([{'turn': {'to_rad': 1e-7}}], machine)
     sentence = refusal([{'turn': {'to_deg': 0}}], machine, start_turn_deg=500)
-    assert 'starts with its tool at 500 deg, the limits are -360 and 360 deg' in sentence
+    assert 'starts with the tool at 500 deg, the limits are -360 and 360 deg' in sentence
     assert 'the tool is already at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
 
 
@@ -350,7 +350,7 @@ def test_a_robot_without_a_rotary_axis_rejects_to_turn_by_name(robot):
 def test_a_program_that_starts_with_the_tool_elsewhere_is_rejected(machine):
     document = {'start_m': START, 'start_turn_deg': 30, 'moves': [{'turn': {'to_deg': 0}}]}
     program = programs.parse(document, machine.motion)
-    with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but its angle is 90 deg'):
+    with pytest.raises(ProgramError, match='starts with the tool at 30 deg, but its angle is 90 deg'):
         program_planner.plan(program, START, machine, turns_rad=(math.radians(90.0),))
 
 
@@ -501,6 +501,8 @@ def test_more_angles_than_rotary_axes_are_rejected(wrist, machine, robot):
     assert lacking in refusal([{'turn': {'to_deg': [0, 10]}}], machine)
     assert lacking in refusal([{'turn': {'to_deg': 10}}], machine, start_turn_deg=[0, 10])
     assert 'no rotary axis' in refusal([{'turn': {'to_deg': [0, 10]}}], robot)
+    sentence = refusal([{'turn': {'to_deg': 10}}], wrist, start_turn_deg=[0, 500])
+    assert 'starts with the tool on axis5 at 500 deg, the limits are -360 and 360 deg' in sentence
     for angles in ([], [0, 1, 2]):
         sentence = refusal([{'turn': {'to_deg': angles}}], wrist)
         assert f'has {len(angles)} angles, but must have 1 to 2: one per rotary axis' in sentence
