@@ -130,7 +130,11 @@ def _names_of(document: Any) -> dict[str, dict[str, Any]]:
 
     def named(key: str) -> dict[Any, Any]:
         found = document.get(key) if isinstance(document, dict) else None
-        return found if isinstance(found, dict) else {}
+        return (
+            {name: one for name, one in found.items() if isinstance(name, str)}
+            if isinstance(found, dict)
+            else {}
+        )
 
     names = {key: {name: name for name in named(key)} for key in ('parts', 'inputs', 'belts')}
     switch = named('cup').get('switch')

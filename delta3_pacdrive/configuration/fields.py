@@ -11,7 +11,9 @@ from typing import Any
 
 ENTRIES_MAX = 10_000  # of a list
 Path = tuple[str | int, ...]  # keys and numbers of items, from a record to a value
-Rules = Iterator[tuple[Path, str]]  # violated rules: the value, and what is wrong with it
+Rules = Iterator[
+    tuple[Path, str]
+]  # violated rules: path to a value, and the message after the name of the value
 
 
 def quantity(description: str, low: float = -math.inf, high: float = math.inf, **more: Any) -> Any:

@@ -9,8 +9,8 @@ The annotation of a field selects its reader:
     tuple[X, ...]               a list; a mapping by name, if X has a field ``own_name``
     dict[str, X]                a mapping by name
 
-A record with a method ``broken_rules`` yields the violated rules between its values: path from the record to the
-value, and what is wrong with it. A record with ``ALTERNATIVES`` has at most one of these keys.
+A record with a method ``broken_rules`` yields the violated rules between its values, each as ``fields.Rules``; the
+method is called if all values are valid. A record with ``ALTERNATIVES`` has at most one of these keys.
 """
 
 import dataclasses
@@ -78,7 +78,7 @@ def _schema_of(cls: Any) -> Schema:
 
 def schema_of(cls: Any) -> Schema:
     """Return the schema of a dataclass."""
-    return _schema_of(cls)
+    return _schema_of(cls)  # mypy does not accept all classes as arguments of a cached function
 
 
 class RecordReader:
@@ -117,7 +117,7 @@ class RecordReader:
         """
         schema = schema_of(cls)
         fields = Section(value, where, self.errors, schema.fields, schema.required)
-        fields.require_one(getattr(cls, 'ALTERNATIVES', ()))
+        fields.allow_one_of(getattr(cls, 'ALTERNATIVES', ()))
         found = cls(**self.values(cls, fields, prefix), **more)
         broken = getattr(found, 'broken_rules', None)
         for path, sentence in broken() if broken is not None else ():
@@ -169,7 +169,8 @@ class RecordReader:
     ) -> dict[str, _Record]:
         """Return the records of a mapping by name; invalid ones are reported and skipped."""
         if not isinstance(value, dict):
-            refuse(f'{where} must be a mapping of names, not {shown(value)}')
+            count = f'{least} to {most} ' if least else ''
+            refuse(f'{where} must be a mapping of {count}names, not {shown(value)}')
         _counted(value, where, least, most)
         schema = schema_of(cls)
         found = {}

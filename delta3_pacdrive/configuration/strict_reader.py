@@ -141,7 +141,7 @@ class Section:
     def __contains__(self, key: str) -> bool:
         return key in self._given
 
-    def require_one(self, alternatives: Iterable[str]) -> None:
+    def allow_one_of(self, alternatives: Iterable[str]) -> None:
         """Reject more than one of several keys."""
         given = [key for key in alternatives if key in self._given]
         if len(given) > 1:

@@ -128,6 +128,7 @@ WRONG = {
     'faults: [3]': 'line 1, column 10: faults[0] must be a mapping, not 3',
     'belt: 3': "unknown key 'belt', expected one of",
     'inputs: [1]': 'line 1, column 9: inputs must be a mapping of names, not [1]',
+    'parts: {1: 2}\nsupplies: {s: {part: bar}}': "supplies.s.part is 'bar', but there are no parts",
     'inputs: {"": {changes: []}}': 'line 1, column 10: a name in inputs is empty',
     'inputs: {3: {}}': 'line 1, column 10: a name in inputs must be a text, not 3',
     f'inputs: {{{", ".join(f"i{n}: {{}}" for n in range(17))}}}': (

@@ -61,13 +61,13 @@ _LOG = logging.getLogger(__name__)
 def metadata(path: Path) -> dict[str, Any]:
     """Return the metadata of a bag without reading its messages.
 
-    ``lost`` are the numbers of missing messages counted by the recorder, by relative name of the topic; ``cut`` is a
-    sentence on what is missing in an incomplete bag.
+    ``lost`` are the numbers of missing messages counted by the recorder, by relative name of the topic; ``cut``
+    lists the missing parts of an incomplete bag.
 
     Raises
     ------
     TraceError
-        There is no bag of a robot.
+        The path is not a bag of a robot, or the bag cannot be read.
 
     """
     from delta3_pacdrive.recording.bags.bag_reader import open_bag

@@ -24,6 +24,7 @@ from typing import Any
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.configuration.fields import quantity, read_by
 from delta3_pacdrive.configuration.schema import RecordReader, schema_of
+from delta3_pacdrive.configuration.source_positions import place_of
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, read_document, refuse
 from delta3_pacdrive.configuration.value_readers import (
     line_of_text,
@@ -89,7 +90,8 @@ def read(path: str | Path) -> ColumnFile:
         fields = Section(value, 'the column file', errors, ('columns', *schema_of(Form).fields), ('columns',))
         reader = RecordReader(errors)
         columns = fields.read('columns', partial(_columns, reader), (), prefix='')
-        _require_once(columns)
+        with errors.noted(place_of(value)):
+            _require_once(columns)
         form = Form(**reader.values(Form, fields, prefix=''))
         if not form.headings and any(isinstance(one.column, str) for one in columns):
             refuse('without headings columns are identified by number, from 1')

@@ -130,9 +130,8 @@ def csv_table(name: str, records: Iterable[Any], rows_each: int = 0, of: Any = N
     With ``rows_each``, a record has that number of rows, and each of its sequences has one value per row. A table that
     may be empty requires the class ``of`` its records, whose columns are single or have labels.
     """
-    from delta3_pacdrive.studies.framework.report_folder import (
-        Table,
-    )  # slow; commands that only print need no files
+    # slow, and commands that only print need no files
+    from delta3_pacdrive.studies.framework.report_folder import Table
 
     rows = [cells(record) for record in records]
     if rows_each:

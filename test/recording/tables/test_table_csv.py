@@ -327,6 +327,10 @@ def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path)
         (('column: 4', 'column: 9'), 'no column 9, it has 4 columns'),
         (('unit: ms', 'unit: mm'), r"columns\[0\].unit is 'mm', but must be one of \[s\], \[ms\], \[us\]"),
         (('axis: 3', 'axis: 2'), 'two columns are current, axis 2'),
+        (
+            ('columns:', 'skip_lines: x\ncolumns:\n- {column: 4, signal: time, unit: s}'),
+            'two columns are time, axis 1; .*skip_lines is',
+        ),
         (('column: 4', 'column: 3'), 'column 3 of .* to two axes of current'),
         (('column: 4', 'column: Größe 2'), "column 'Größe 2' of .* to two axes of current"),
         (('axis: 3, ', ''), r'columns\[3\]: missing key axis, one of 1, 2, 3'),

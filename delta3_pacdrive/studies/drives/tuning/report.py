@@ -216,11 +216,7 @@ def _workspace_lines(variants: dict[str, Any]) -> list[str]:
         *WORKSPACE_COLUMNS,
         TextColumn(
             f'exchange {period:g} ms\ngain m.',
-            lambda row: (
-                fill('{gain_margin_db:.1f =dB}', row['exchanged'])
-                if row['exchanged']['stable']
-                else 'UNSTABLE'
-            ),
+            lambda row: _gain_margin(row['exchanged']),
         ),
         TextColumn('', '{load}', '<'),
     ]
