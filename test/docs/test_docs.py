@@ -55,6 +55,14 @@ def test_every_topic_and_service_has_a_row_and_every_row_as_many_cells_as_its_he
         assert tuple(row.name for row in rows) in first
 
 
+def test_no_page_has_a_deprecated_name_of_a_service(html):
+    from delta3_pacdrive.ros.wire.interfaces import SERVICES
+
+    former = {item.former_name for item in SERVICES if item.former_name}
+    words = {name: set(re.findall(r'[\w/]+', re.sub(r'<[^>]*>', ' ', text))) for name, text in html.items()}
+    assert {name: used for name, found in words.items() if (used := found & former)} == {}
+
+
 def test_page_makes_no_network_requests(html):
     loaded = re.compile(r'<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*href="(?:https?:)?//')
     assert {name: found for name, text in html.items() if (found := loaded.findall(text))} == {}

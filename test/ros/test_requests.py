@@ -87,7 +87,7 @@ def test_controlling_client_excludes_others(cell: Cell) -> None:
     assert cell.move(LINE)[0]
 
 
-def test_moves_that_wait_in_the_queue_are_started_under_the_name_of_the_node(cell: Cell) -> None:
+def test_moves_that_wait_in_the_queue_are_started_by_the_deprecated_names(cell: Cell) -> None:
     first = cell.move(f'{{{LINE}, start: false}}')[1]
     assert first['sentence'].startswith('planned'), first
     assert cell.graph.call(Trigger, 'unit_robot/start', Trigger.Request()).success

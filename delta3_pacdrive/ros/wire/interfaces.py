@@ -588,21 +588,37 @@ class Service:
         return f'{self.type.__module__.split(".")[0]}/srv/{self.type.__name__}'
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the service: its own, and one below the name of the node."""
-        return (self.name,) if '/' in self.name else (self.name, f'{self.node}/{self.name}')
+    def former_name(self) -> str:
+        """Deprecated name below the name of the node, empty if the service has none."""
+        return '' if '/' in self.name else f'{self.node}/{self.name}'
 
     def servers(self, node: Node, serve: Callable[[Any, Any], Any]) -> list[Server]:
         """Create the servers, one for each name."""
-        return [node.create_service(self.type, name, serve) for name in self._names_at(node)]
+        return [node.create_service(self.type, *named) for named in self._callbacks(node, serve)]
 
     def deferred_servers(self, node: Node, ask: Callable[[Any, Respond], None]) -> list[Server]:
         """Create servers that reply when the requested action has finished."""
-        return [create_deferred_service(node, self.type, name, ask) for name in self._names_at(node)]
+        return [create_deferred_service(node, self.type, *named) for named in self._callbacks(node, ask)]
 
-    def _names_at(self, node: Node) -> tuple[str, ...]:
-        """Names at a node that may have been renamed."""
-        return tuple(name.replace(f'{self.node}/', f'{node.get_name()}/') for name in self.names)
+    def _callbacks(
+        self, node: Node, serve: Callable[[Any, Any], Any]
+    ) -> list[tuple[str, Callable[[Any, Any], Any]]]:
+        """Return names and callbacks at a node that may have been renamed; the deprecated name warns once."""
+        name, former = (
+            text.replace(f'{self.node}/', f'{node.get_name()}/') for text in (self.name, self.former_name)
+        )
+        warned = False
+
+        def serve_former(request: Any, response: Any) -> Any:
+            nonlocal warned
+            if not warned:
+                warned = True
+                node.get_logger().warning(
+                    f'service {former} is deprecated and will be removed in the next release; use {name}'
+                )
+            return serve(request, response)
+
+        return [(name, serve), *([(former, serve_former)] if former else [])]
 
     def client(self, node: Node) -> Client:
         """Create a client."""

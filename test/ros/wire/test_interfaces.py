@@ -1,7 +1,8 @@
 """The table of interfaces agrees with the robot: topics and services with type, QoS, writers and readers."""
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -192,7 +193,36 @@ def test_every_service_is_in_the_table_with_its_type(robot: Any) -> None:
         for service in node.services
         if service.srv_name.rsplit('/', 1)[-1] not in OF_RCLPY
     }
-    assert found == {(item.node, name, item.type) for item in SERVICES for name in item.names}
+    names = {(item, name) for item in SERVICES for name in (item.name, item.former_name) if name}
+    assert found == {(item.node, name, item.type) for item, name in names}
+
+
+def test_a_deprecated_name_of_a_service_works_and_names_the_documented_one_once() -> None:
+    warnings: list[str] = []
+    served: dict[str, Callable[[Any, Any], Any]] = {}
+    logger = SimpleNamespace(warning=warnings.append)
+
+    def create_service(_kind: Any, name: str, callback: Any) -> Any:
+        served[name] = callback
+        return SimpleNamespace(send_response=print)
+
+    for item in SERVICES:
+        node: Any = SimpleNamespace(
+            get_name=lambda item=item: item.node, get_logger=lambda: logger, create_service=create_service
+        )
+        asked: list[Any] = []
+        item.deferred_servers(node, lambda request, _, asked=asked: asked.append(request))
+        item.servers(node, lambda request, _, asked=asked: [*asked, request])
+        served[item.name]('documented', None)
+        assert warnings == []
+        if item.former_name:
+            assert [served[item.former_name](number, None) for number in (1, 2)] == [[1], [2]]
+            assert warnings == [
+                f'service {item.node}/{item.name} is deprecated and will be removed in the next release; '
+                f'use {item.name}'
+            ]
+            warnings.clear()
+    assert sum(bool(item.former_name) for item in SERVICES) == 10
 
 
 def test_a_telegram_of_the_table_is_a_message_of_its_type_and_topic() -> None:
