@@ -1,7 +1,7 @@
 """Installation steps that pyproject.toml cannot express: the layout that ROS 2 requires below the prefix.
 
 The prefix is a virtual environment (pip) or the install folder of colcon. The marker goes into the ament index,
-package.xml and config/ into share/, the executables into lib/delta3_pacdrive/, where ``ros2 run`` finds them.
+package.xml, config/ and launch/ into share/, the executables into lib/delta3_pacdrive/, where ``ros2 run`` finds them.
 """
 
 import atexit
@@ -106,6 +106,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
         (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
         (f'share/{PACKAGE}/config/programs', glob('config/programs/*.yaml')),
         (f'share/{PACKAGE}/config/layouts', glob('config/layouts/*')),

@@ -178,10 +178,10 @@ def test_tested_lower_bounds_are_the_declared_ones(distribution):
 
 def test_package_xml_names_the_ros_packages_that_are_used_and_no_other():
     named = {depend.text for depend in package_xml().iter('exec_depend') if 'python3-' not in depend.text}
-    text = ''.join((SOURCE / path).read_text(encoding='utf-8') for path in MODULES)
-    used = set(
-        re.findall(r'^\s*(?:from|import) (rclpy|\w+_msgs|\w+_interfaces|std_srvs)\b', text, re.MULTILINE)
-    )
+    files = [*MODULES, *(SOURCE / 'launch').iterdir()]
+    text = ''.join((SOURCE / path).read_text(encoding='utf-8') for path in files)
+    names = r'rclpy|\w+_msgs|\w+_interfaces|std_srvs|launch\w*'
+    used = set(re.findall(rf'^\s*(?:from|import) ({names})\b', text, re.MULTILINE))
     assert named == used | {'rmw_fastrtps_cpp'}
 
 

@@ -1,7 +1,8 @@
 """Replaces the ``ros2`` command line, which the package index does not have, as far as the pages use it.
 
     ros2 run PACKAGE EXECUTABLE [ARGUMENTS]
-    ros2 launch FILE
+    ros2 launch FILE [NAME:=VALUE]
+    ros2 launch PACKAGE FILE [NAME:=VALUE]
     ros2 topic pub --once TOPIC TYPE YAML
     ros2 topic echo --once TOPIC
     ros2 service call SERVICE TYPE
@@ -11,6 +12,7 @@ Like the real one it finds packages through AMENT_PREFIX_PATH, publishes when a 
 response.
 """
 
+import dataclasses
 import importlib
 import os
 import runpy
@@ -19,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -63,59 +65,123 @@ def run(package, executable, *arguments):
     os.execv(path, [str(path), *arguments])
 
 
-@dataclass
+@dataclasses.dataclass
 class LaunchNode:
-    """An action of a launch file: a process."""
+    """An action of a launch file: a process. Respawns are not carried out."""
 
     package: str
     executable: str
     name: str
-    parameters: list
+    namespace: str = ''
+    parameters: list = dataclasses.field(default_factory=list)
+    arguments: list = dataclasses.field(default_factory=list)
+    remappings: list = dataclasses.field(default_factory=list)
+    respawn: bool = False
+    respawn_delay: float = 0.0
+    respawn_max_retries: int = -1
 
 
-@dataclass
+@dataclasses.dataclass
 class Namespace:
     """An action of a launch file: the namespace of all that follows in its group."""
 
     name: str
 
 
+@dataclasses.dataclass
+class Argument:
+    """An action of a launch file: an argument of the command line."""
+
+    name: str
+    default_value: str
+    description: str
+    choices: list | None = None
+
+
+@dataclasses.dataclass
+class Configuration:
+    """The value of an argument."""
+
+    name: str
+
+    def perform(self, context):
+        """Return the value."""
+        return context[self.name]
+
+
+@dataclasses.dataclass
+class Function:
+    """An action of a launch file: a function of the arguments that returns actions."""
+
+    function: Callable
+
+
 class Group(list):
     """The contents of a launch file: actions, and groups of them."""
 
 
-def processes_of(actions, folder, namespace=''):
-    """Return the command lines that launch_ros makes of actions, with parameter files in the folder."""
-    lines = []
+MODULES = {
+    'launch': {'LaunchDescription': Group, 'LaunchContext': dict},
+    'launch.actions': {'DeclareLaunchArgument': Argument, 'GroupAction': Group, 'OpaqueFunction': Function},
+    'launch.substitutions': {'LaunchConfiguration': Configuration},
+    'launch_ros': {},
+    'launch_ros.actions': {'Node': LaunchNode, 'PushRosNamespace': Namespace},
+}
+
+
+def nodes_of(actions, given, namespace=''):
+    """Return the nodes of actions with absolute namespaces; ``given`` has the arguments and gets their defaults."""
+    nodes = []
     for action in actions:
         match action:
+            case Argument(name, default, _, choices):
+                value = given.setdefault(name, default)
+                if choices and value not in choices:
+                    raise ValueError(f'argument {name} is {value!r}, but must be one of {choices}')
             case Namespace(name):
                 namespace = f'{namespace}/{name}'
+            case Function(function):
+                nodes += nodes_of(function(given), given, namespace)
             case Group():
-                lines += processes_of(action, folder, namespace)
-            case LaunchNode(package, executable, name, [values]):
-                with tempfile.NamedTemporaryFile('w', suffix='.yaml', dir=folder, delete=False) as file:
-                    yaml.safe_dump({f'{namespace}/{name}': {'ros__parameters': values}}, file)
-                remapped = ['-r', f'__node:={name}', '-r', f'__ns:={namespace}']
-                given = ['--params-file', file.name] if values else []
-                lines.append([str(path_of(package, executable)), '--ros-args', *remapped, *given])
-    return lines
+                nodes += nodes_of(action, given, namespace)
+            case LaunchNode():
+                absolute = action.namespace.startswith('/')
+                own = action.namespace if absolute else f'{namespace}/{action.namespace}'.rstrip('/')
+                nodes.append(dataclasses.replace(action, namespace=own))
+    return nodes
 
 
-def launch(path):
-    """Start the contents of a launch file; end it with Ctrl-C."""
-    modules = {
-        'launch': {'LaunchDescription': Group},
-        'launch.actions': {'GroupAction': Group},
-        'launch_ros': {},
-        'launch_ros.actions': {'Node': LaunchNode, 'PushRosNamespace': Namespace},
-    }
-    for name, contents in modules.items():
+def launched(path, given):
+    """Return the nodes of a launch file for arguments."""
+    for name, contents in MODULES.items():
         sys.modules[name] = ModuleType(name)
         vars(sys.modules[name]).update(contents)
-    description = runpy.run_path(path)['generate_launch_description']()
+    return nodes_of(runpy.run_path(path)['generate_launch_description'](), given)
+
+
+def command_of(node, folder):
+    """Return the command line that launch_ros makes of a node, with parameter files in the folder."""
+    line = [str(path_of(node.package, node.executable)), *node.arguments, '--ros-args']
+    line += ['-r', f'__node:={node.name}', '-r', f'__ns:={node.namespace or "/"}']
+    for one, other in node.remappings:
+        line += ['-r', f'{one}:={other}']
+    for values in filter(None, node.parameters):
+        line += ['--params-file', values if isinstance(values, str) else file_of(node, values, folder)]
+    return line
+
+
+def file_of(node, values, folder):
+    """Write parameters of a node into a file; return its path."""
+    with tempfile.NamedTemporaryFile('w', suffix='.yaml', dir=folder, delete=False) as file:
+        yaml.safe_dump({f'{node.namespace}/{node.name}': {'ros__parameters': values}}, file)
+    return file.name
+
+
+def launch(path, arguments):
+    """Start the nodes of a launch file; end them with Ctrl-C."""
+    nodes = launched(path, dict(argument.split(':=', 1) for argument in arguments))
     with tempfile.TemporaryDirectory() as folder:
-        started = [subprocess.Popen(line) for line in processes_of(description, folder)]
+        started = [subprocess.Popen(command_of(node, folder)) for node in nodes]
         for process in started:
             print(
                 f'[INFO] [{Path(process.args[0]).name}]: process started with pid [{process.pid}]', flush=True
@@ -128,6 +194,14 @@ def launch(path):
                 process.send_signal(signal.SIGINT)
             for process in started:
                 process.wait()
+
+
+def launch_file(package, name):
+    """Return the path of a launch file of a package."""
+    for prefix in os.environ['AMENT_PREFIX_PATH'].split(os.pathsep):
+        for path in (Path(prefix) / 'share' / package).rglob(name):
+            return str(path)
+    sys.exit(f"file '{name}' was not found in the share directory of package '{package}'")
 
 
 def wait(node, condition, what):
@@ -175,8 +249,10 @@ def main():
     match sys.argv[1:]:
         case ['run', package, executable, *arguments]:
             run(package, executable, *arguments)
-        case ['launch', path]:
-            launch(path)
+        case ['launch', path, *arguments] if path.endswith('.py'):
+            launch(path, arguments)
+        case ['launch', package, name, *arguments]:
+            launch(launch_file(package, name), arguments)
         case ['topic', 'pub', '--once', topic, kind, text]:
             rclpy.init()
             publish(rclpy.create_node('stand_in'), topic, kind, text)
@@ -197,4 +273,5 @@ def main():
             sys.exit(f'not known to this stand-in: {sys.argv[1:]}')
 
 
-main()
+if __name__ == '__main__':
+    main()
