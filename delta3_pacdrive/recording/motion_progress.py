@@ -1,12 +1,14 @@
-"""Report of the transformation task on bus and program: ``motion/progress``."""
+"""Report of the transformation task on bus and program: ``motion/progress`` and ``motion/progress/values``."""
 
 import json
+import math
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self
 
 from delta3_pacdrive.configuration.json_message import JsonMessage, nullable
 from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.parameters import numbered
 
 NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
 
@@ -86,10 +88,24 @@ class MotionProgress(JsonMessage):
         """Measured angles of the rotary axes."""
         return tuple(angle for angle in (self.turn_rad, self.turn_rad_2) if angle is not None)
 
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers by name, for ``motion/progress/values``; all robots have the same, up to ``tcp_z_m``.
+
+        Truth values are 0 or 1, as is ``fault``; values that are None are nan. Angles of rotary axes come last.
+        """
+        return {
+            'fault': float(bool(self.fault)),
+            **{name: float(getattr(self, name)) for name in _NUMBERS},
+            'remaining_s': math.nan if self.remaining_s is None else self.remaining_s,
+            **dict(zip(('tcp_x_m', 'tcp_y_m', 'tcp_z_m'), self.tcp_m or (math.nan,) * 3, strict=True)),
+            **{numbered('turn_rad', number): angle for number, angle in enumerate(self.turns_rad)},
+        }
+
     @property
     def received(self) -> bool:
         """Whether this is a report of a robot."""
         return self is not NO_REPORT
 
 
+_NUMBERS = tuple(own.name for own in fields(MotionProgress) if own.type in (bool, int, float))
 NO_REPORT = MotionProgress()

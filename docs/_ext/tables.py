@@ -123,7 +123,7 @@ def content(topic: Any) -> str:
         if telegram.names:
             joints = EVERY_AXIS if EVERY_AXIS in topic.name else ', '.join(telegram.names)
             arrays = zip(telegram.lengths, ('position', 'velocity', 'effort'), strict=True)
-            parts.append(f'joints {joints}: {", ".join(f"{n} {array}" for n, array in arrays if n)}')
+            parts.append(f'names {joints}: {", ".join(f"{n} {array}" for n, array in arrays if n)}')
     if topic.frame:
         parts.append(f'frame `{topic.frame}`')
     if topic.signals:

@@ -37,6 +37,28 @@ def test_keys_are_written_in_order_with_totals_last():
     assert replace(REPORT, tcp_m=None).to_fields()['tcp_m'] is None
 
 
+def test_numbers_are_those_of_the_report_with_truth_values_as_0_or_1():
+    report = replace(REPORT, fault='axis2 reports a fault', enabled=True, cycles=7, rate=0.5)
+    values = report.to_fields()
+    numbers = report.numbers()
+    kinds = {key: type(value) for key, value in values.items()}
+    assert {key for key, kind in kinds.items() if kind in (bool, int, float)} <= numbers.keys()
+    for key in numbers.keys() & values.keys() - {'fault'}:
+        assert numbers[key] == values[key], key
+    assert (numbers['fault'], numbers['enabled'], numbers['finished']) == (1.0, 1.0, 0.0)
+    assert [numbers[f'tcp_{axis}_m'] for axis in 'xyz'] == [0.0, 0.0, -0.75]
+    assert {type(value) for value in numbers.values()} == {float}
+
+
+def test_numbers_have_the_same_names_in_every_report_and_missing_ones_are_nan():
+    assert [*REPORT.numbers()] == [*NO_REPORT.numbers()]
+    missing = {name for name, value in NO_REPORT.numbers().items() if math.isnan(value)}
+    assert missing == {'remaining_s', 'tcp_x_m', 'tcp_y_m', 'tcp_z_m'}
+    turned = replace(NO_REPORT, turn_rad=0.5, turn_rad_2=-0.25).numbers()
+    assert [*turned.items()][-2:] == [('turn_rad', 0.5), ('turn_rad_2', -0.25)]
+    assert [*turned][:-2] == [*NO_REPORT.numbers()]
+
+
 def test_only_reports_of_a_robot_count_as_received():
     assert not NO_REPORT.received
     assert replace(NO_REPORT).received

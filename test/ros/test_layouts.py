@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
-from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.ros.wire.interfaces import JOINT_STATES, LATCHED, TOPICS, Topic
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'layouts'
@@ -84,6 +83,17 @@ def test_foxglove_draws_fields_that_the_messages_have() -> None:
         require_field(BY_NAME[name], field)
 
 
+def test_foxglove_labels_numbers_of_joint_states_with_their_names() -> None:
+    looked = 0
+    for path in (path for group in values(foxglove(), 'paths') for path in group):
+        name, _, field = path['value'].partition('.')
+        if BY_NAME[name].type is JOINT_STATES.type:
+            (index,) = re.findall(r'\[(\d+)\]', field)
+            assert path['label'] == BY_NAME[name].telegrams[0].names[int(index)], path['value']
+            looked += 1
+    assert looked > 6
+
+
 def test_every_panel_of_the_foxglove_layout_has_its_place() -> None:
     layout = foxglove()
     placed = [name for name in values(layout['layout'], 'first', 'second') if isinstance(name, str)]
@@ -91,14 +101,14 @@ def test_every_panel_of_the_foxglove_layout_has_its_place() -> None:
 
 
 def test_plotjuggler_draws_numbers_that_the_messages_have() -> None:
-    assert len(curves()) == len(set(curves())) > 15
+    assert len(curves()) == len(set(curves())) > 20
     for curve in curves():
         name = max((name for name in BY_NAME if curve.startswith(f'{name}/')), key=len)
         topic, field = BY_NAME[name], curve.removeprefix(f'{name}/')
         if topic.type is JOINT_STATES.type:
             # it calls the series of joint states by the names of the joints
             joint, _, field = field.partition('/')
-            assert joint in (JOINTS if topic is JOINT_STATES else DRIVES)
+            assert joint in topic.telegrams[0].names
         require_field(topic, field)
 
 

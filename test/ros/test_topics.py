@@ -67,6 +67,7 @@ class Driven:
         self.heard = {topic: graph.listen(kind, topic, CYCLIC_PUBLISHER) for topic, kind in kinds.items()}
         self.phases = graph.listen(JointState, 'axis2/phase_current', CYCLIC_PUBLISHER)
         self.reports = graph.listen(String, 'motion/progress', REPORT)
+        self.values = graph.listen(JointState, 'motion/progress/values', REPORT)
         self.task = graph.robot(**ON_REQUEST)
         self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
@@ -194,6 +195,21 @@ def test_report_has_time_position_and_following_error_of_its_cycle(driven: Drive
             assert report['tcp_m'] == pytest.approx(actual[cycle], abs=1e-12)
             assert report['following_error_rad'] == pytest.approx(np.abs(following[cycle]).max(), abs=1e-15)
     assert looked > 3
+
+
+def test_values_of_progress_are_the_numbers_of_the_report_at_their_stamp(driven: Driven) -> None:
+    reports = [MotionProgress.from_json(message.data) for message in driven.reports]
+    numbers = {report.cycles - 1: report.numbers() for report in reports}
+    shared = [message for message in driven.values if cycle_of(message) in numbers]
+    assert len(shared) > 3
+    for message in shared:
+        wanted = numbers[cycle_of(message)]
+        assert list(message.name) == [*wanted]
+        found = dict(zip(message.name, message.position, strict=True))
+        # the other numbers may change between the two messages
+        for name in ('cycles', 'bus_time_s', 'tcp_x_m', 'tcp_y_m', 'tcp_z_m', 'following_error_rad'):
+            assert found[name] == wanted[name], name
+    assert min(message.header.stamp.sec for message in driven.values) >= 0
 
 
 def test_incomplete_report_is_ignored(driven: Driven) -> None:

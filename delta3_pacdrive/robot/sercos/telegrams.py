@@ -133,6 +133,11 @@ def belts(names: Sequence[str]) -> Telegram:
     return Telegram(BELTS_TOPIC, JOINT_STATE, tuple(names), (len(names), len(names), 0), len(NO_SESSION))
 
 
+def progress_values(names: Sequence[str]) -> Telegram:
+    """Return the layout of the numbers of a progress report, with their names."""
+    return Telegram('motion/progress/values', JOINT_STATE, tuple(names), (len(names), 0, 0), len(BASE_FRAME))
+
+
 def new_session() -> bytes:
     """Draw a session at random."""
     return b'%04x' % (1 + secrets.randbelow(_SESSIONS - 1))

@@ -28,7 +28,7 @@ from delta3_pacdrive.robot.sercos import master, telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
-from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION, progress_values
 from delta3_pacdrive.robot.sercos.words import CONTROL_OFF, Phase
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.clients.operator_services import OperatorServices
@@ -41,9 +41,9 @@ from delta3_pacdrive.ros.task.receivers import AtReceiver, InputReceiver
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.announcements import receive_announcements
 from delta3_pacdrive.ros.wire.diagnostics import Health
-from delta3_pacdrive.ros.wire.interfaces import MDT, PHASE, PROGRESS, second_writer
+from delta3_pacdrive.ros.wire.interfaces import MDT, PHASE, PROGRESS, PROGRESS_VALUES, second_writer
 from delta3_pacdrive.ros.wire.polling import PollingNode
-from delta3_pacdrive.ros.wire.publishers import Output
+from delta3_pacdrive.ros.wire.publishers import Output, TelegramOutput
 from delta3_pacdrive.ros.wire.service_requests import ScriptRequests, offer_service_requests
 
 
@@ -110,19 +110,30 @@ DIAGNOSTICS_S = 1.0
 
 
 class ProgressReport:
-    """Publishes progress on request, with statistics at the end of a program, and diagnostics once a second."""
+    """Publishes progress on request, with statistics at the end of a program, and diagnostics once a second.
+
+    ``stamp`` returns the stamp of a bus cycle.
+    """
 
     def __init__(
-        self, node: Node, period_s: float, progress: Callable[[], MotionProgress], statistics: Facts
+        self,
+        node: Node,
+        period_s: float,
+        progress: Callable[[], MotionProgress],
+        statistics: Facts,
+        stamp: Callable[[int], tuple[int, int]],
     ) -> None:
-        self._node, self._newest, self._statistics = node, progress, statistics
+        self._node, self._newest, self._statistics, self._stamp = node, progress, statistics, stamp
         self._progress = Output(node, PROGRESS)
+        self._values = TelegramOutput(node, PROGRESS_VALUES, progress_values(list(progress().numbers())))
         self._health = Health(node)
         self._health_every = round(DIAGNOSTICS_S / period_s)
         self._reports = 0
 
     def publish(self) -> None:
         """Publish to subscribers; statistics are included after the end of a program and with a fault."""
+        if self._values.wanted and (progress := self._newest()).cycles:
+            self._values.send(self._stamp(progress.cycles - 1), list(progress.numbers().values()))
         if self._progress.wanted:
             progress = self._newest()
             if progress.finished or progress.fault:
@@ -197,7 +208,7 @@ class TransformationTaskNode(PollingNode):
         receive_announcements(
             self, controller.receive_announcement, self.reject_telegram, controller.bus.names
         )
-        self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
+        self._reports = ProgressReport(self, report_s, controller.progress, controller.totals, clock.stamp)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self._ticker = self.create_timer(period_s or STARTUP_S, self._tick, autostart=False)
         self.create_timer(report_s, self._look)

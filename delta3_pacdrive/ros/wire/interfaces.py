@@ -27,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
+from delta3_pacdrive.recording.motion_progress import NO_REPORT
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, ROTARY_DRIVES
@@ -433,6 +434,12 @@ PROGRESS = Topic(
     'motion/progress', String, REPORT, (TASK,), (),
     'JSON: state, move, master, remaining time, override, overruns, lateness, fault and its value',
     '5 Hz', recorded=True,
+)
+PROGRESS_VALUES = Topic(
+    'motion/progress/values', JointState, REPORT, (TASK,), (),
+    'the numbers of `motion/progress` by name, as positions, stamped with the newest evaluated cycle',
+    '5 Hz, from the start of cyclic operation on', _BASE, (telegrams.progress_values(list(NO_REPORT.numbers())),),
+    recorded=True,
 )
 DIAGNOSTICS = Topic(
     '/diagnostics', DiagnosticArray, REPORT, (TASK, DRIVE), (),
