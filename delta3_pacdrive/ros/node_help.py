@@ -26,6 +26,11 @@ ACTIONS = {
             'control_msgs/action/FollowJointTrajectory',
             'follow a trajectory of the arms (offered if control_msgs is installed)',
         ),
+        (
+            'unit_robot/motion_sequence',
+            'control_msgs/action/ExecuteMotionPrimitiveSequence',
+            'execute motion primitives (offered if control_msgs 5.5 or later is installed)',
+        ),
     )
 }
 

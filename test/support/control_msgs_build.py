@@ -1,4 +1,4 @@
-"""Builds ``control_msgs``, as far as trajectories need it: the package index has no wheel of it.
+"""Builds ``control_msgs``, as far as the actions of the robot need it: the package index has no wheel of it.
 
 The generators of the ROS wheels write C from the fields below, a C++ compiler makes one Python extension of it, into a
 folder for PYTHONPATH. Names and types of fields are those of control_msgs 5 (Jazzy), so that bytes on the wire are
@@ -32,6 +32,14 @@ FIELDS = {
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error',
+    'msg/MotionArgument.msg': 'string name, float64 value',
+    'msg/MotionPrimitive.msg': 'int8 UNKNOWN=-1, int8 LINEAR_JOINT=0, int8 LINEAR_CARTESIAN=50, '
+    'int8 CIRCULAR_CARTESIAN=51, int8 type -1, float64 blend_radius, MotionArgument[] additional_arguments, '
+    'geometry_msgs/PoseStamped[] poses, float64[] joint_positions',
+    'msg/MotionPrimitiveSequence.msg': 'MotionPrimitive[] motions',
+    'action/ExecuteMotionPrimitiveSequence.action': 'MotionPrimitiveSequence trajectory, ---, '
+    'int32 SUCCESSFUL = 0, int32 INVALID_GOAL = -1, int32 OLD_HEADER_TIMESTAMP = -3, int32 error_code, '
+    'string error_string, ---, uint8 current_primitive_index',
 }
 NEEDED = (
     'action_msgs', 'builtin_interfaces', 'geometry_msgs', 'service_msgs', 'std_msgs', 'trajectory_msgs',

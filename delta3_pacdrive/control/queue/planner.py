@@ -436,10 +436,7 @@ class Planner:
         if not trajectory.points:
             self._stop()
             return
-        start_m = self._task.require_rest()
-        if self._queue.program is not None:
-            raise rejected(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
-        self._task.require_orders()
+        start_m = self.require_idle('a trajectory')
         cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
         self._tracker.begin(request.identity)
 
@@ -453,6 +450,13 @@ class Planner:
             self._launch(result, start_cycle=cycle, exact=cycle != SOON, tolerances=tolerances)
 
         self._planning.begin(launch, start_m, text=program)
+
+    def require_idle(self, what: str) -> Floats:
+        """Return the TCP position [m]; raises RefusedError unless ``what`` can begin now, with an empty queue."""
+        self._task.require_rest()
+        if self._queue.program is not None:
+            raise rejected(Code.STATE, f'moves are in the queue: {what} needs an empty one')
+        return self._task.require_orders()
 
     def _stop(self) -> None:
         """Revoke the running program, so that the task stops it on its path."""

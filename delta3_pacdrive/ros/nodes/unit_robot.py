@@ -1,14 +1,14 @@
 """Node of UnitRobot, the planner: receives moves and programs, plans and checks them as a whole, starts and overrides.
 
 In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``unit_robot/alive``
-(5 Hz), and the outputs of ``ros.planner.planner_outputs``. Operator requests: ``ros.planner.planner_services``; action:
-``ros.planner.follow_joint_trajectory``. Decisions are made in ``control.queue.planner``.
+(5 Hz), and the outputs of ``ros.planner.planner_outputs``. Operator requests: ``ros.planner.planner_services``; ROS
+actions: ``ros.planner.motion_action``. Decisions are made in ``control.queue.planner``.
 
 It is longer than other nodes because it connects the planner to its thread, its operators and its outputs.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from std_msgs.msg import Float64MultiArray, Header, String
@@ -18,6 +18,7 @@ from delta3_pacdrive.control.messages import Origin, Status, Verdict
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.adapted_program import rest_of
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.output_names import OWN
@@ -27,7 +28,9 @@ from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
-from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory, action_type
+from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
+from delta3_pacdrive.ros.planner.motion_action import MotionAction, control_type
+from delta3_pacdrive.ros.planner.motion_sequence import MotionSequence
 from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
@@ -104,15 +107,15 @@ class UnitRobotNode(PollingNode):
         interfaces.PROFILE.bounded_subscription(self, self._on_profile)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
-        self._trajectories = self._offer_trajectories(tolerances, cycles)
-        watched = tolerances.any or self._trajectories is not None
+        self._goals = list(self._offered_actions(robot, tolerances, cycles))
+        watched = tolerances.any or bool(self._goals)
         self._monitor = ToleranceMonitor(self, watched, cycles, planner)
         self._outputs = PlannerOutputs(
             self,
             planner,
             thread=self._thread,
             operators=self._operators,
-            trajectories=self._trajectories,
+            goals=self._goals,
             origin=self._origin,
         )
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
@@ -129,20 +132,23 @@ class UnitRobotNode(PollingNode):
     def destroy_node(self) -> None:
         """End the planning thread as well."""
         self._thread.close()
-        if self._trajectories is not None:
-            self._trajectories.destroy()
+        for goals in self._goals:
+            goals.destroy()
         super().destroy_node()
 
-    def _offer_trajectories(self, tolerances: Tolerances, cycles: Clock) -> FollowJointTrajectory | None:
-        kind = action_type()
-        if kind is None:
-            self.get_logger().debug(
-                'control_msgs is not installed: no action follow_joint_trajectory is offered'
-            )
-            return None
-        return FollowJointTrajectory(
-            self, kind, planner=self._planner, operators=self._operators, tolerances=tolerances, cycles=cycles
-        )
+    def _offered_actions(
+        self, robot: Parameters, tolerances: Tolerances, cycles: Clock
+    ) -> Iterator[MotionAction]:
+        """Yield the servers of the actions whose types are installed."""
+        missing = 'the installed control_msgs, if any, has no %s: that action is not offered'
+        if (kind := control_type('FollowJointTrajectory')) is not None:
+            yield FollowJointTrajectory(self, kind, self._planner, self._operators, tolerances, cycles)
+        else:
+            self.get_logger().debug(missing % 'FollowJointTrajectory')
+        if (kind := control_type('ExecuteMotionPrimitiveSequence')) is not None:
+            yield MotionSequence(self, kind, self._planner, self._operators, robot.kinematics)
+        else:
+            self.get_logger().debug(missing % 'ExecuteMotionPrimitiveSequence')
 
     def _session(self) -> bytes:
         status = self._planner.status
@@ -171,8 +177,8 @@ class UnitRobotNode(PollingNode):
         self._partners.update((TASK,), time.monotonic())
         self._monitor.update()
         self._carry_out()  # tolerance violations end goals before they count as reached
-        if self._trajectories is not None:
-            self._trajectories.update()
+        for goals in self._goals:
+            goals.update()
         if self._looks % ALIVE_EVERY == 0:
             self._beat()
         if self._looks % ANNOUNCE_EVERY == 0 and not self._planner.listened_to:

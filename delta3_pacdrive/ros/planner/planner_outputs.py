@@ -3,7 +3,7 @@
 Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -22,7 +22,7 @@ from delta3_pacdrive.control.actions import (
 from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.planning_job import Job
-from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
+from delta3_pacdrive.ros.planner.motion_action import MotionAction
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
 from delta3_pacdrive.ros.wire import interfaces
@@ -32,7 +32,7 @@ UNCHECKED_MAX = 1000  # rows sent but not checked yet
 
 
 class PlannerOutputs:
-    """Executes the actions of one planner; ``trajectories`` is None if that action is not offered."""
+    """Executes the actions of one planner; ``goals`` are the servers of the ROS actions that it offers."""
 
     def __init__(
         self,
@@ -40,11 +40,11 @@ class PlannerOutputs:
         planner: Planner,
         thread: PlanningThread,
         operators: PlannerServices,
-        trajectories: FollowJointTrajectory | None,
+        goals: Sequence[MotionAction],
         origin: Callable[[str, int], Origin],
     ) -> None:
         self._planner, self._thread, self._operators = planner, thread, operators
-        self._trajectories, self._origin = trajectories, origin
+        self._goals, self._origin = goals, origin
         # rows of a plan that have not been sent, number of its order, and number of its rows that have been sent
         self._rows: Iterator[tuple[str, Any]] = iter(())
         self._number = self._sent = 0
@@ -73,11 +73,11 @@ class PlannerOutputs:
                     self._operators.reply(request, reason, sentence)
                 case Reported(report):
                     self._operators.report(report)
-                    if self._trajectories is not None:
-                        self._trajectories.report(report)
+                    for goals in self._goals:
+                        goals.report(report)
                 case Settled(identity, arrival, reason):
-                    if self._trajectories is not None:
-                        self._trajectories.settle(identity, arrival, reason)
+                    for goals in self._goals:
+                        goals.settle(identity, arrival, reason)
                 case Entered(state):
                     self._state.publish(String(data=str(state)))
         if actions:

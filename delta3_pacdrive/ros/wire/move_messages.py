@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseStamped
 from nav_msgs.msg import Path
 
 from delta3_pacdrive.errors import ProgramError, shown
@@ -44,12 +44,14 @@ def _points_of(message: Path) -> list[list[float]]:
     _require_base(message.header.frame_id)
     if len(message.poses) > SPLINE_POINTS_MAX:
         raise ProgramError(f'the path has {len(message.poses)} poses, the limit is {SPLINE_POINTS_MAX}')
-    points = []
-    for number, pose in enumerate(message.poses):
-        if pose.header.frame_id:  # empty: the frame of the path
-            _require_base(pose.header.frame_id)
-        turn = pose.pose.orientation
-        if (turn.x, turn.y, turn.z) != (0.0, 0.0, 0.0):
-            raise ProgramError(f'poses[{number}] has an orientation, but the plate cannot rotate')
-        points.append(_point_of(pose.pose.position))
-    return points
+    return [point_of_pose(pose, f'poses[{number}]') for number, pose in enumerate(message.poses)]
+
+
+def point_of_pose(pose: PoseStamped, what: str) -> list[float]:
+    """Return the position of a pose in ``base`` or without a frame [m]; raises ProgramError that names ``what``."""
+    if pose.header.frame_id:
+        _require_base(pose.header.frame_id)
+    turn = pose.pose.orientation
+    if (turn.x, turn.y, turn.z) != (0.0, 0.0, 0.0):
+        raise ProgramError(f'{what} has an orientation, but the plate cannot rotate')
+    return _point_of(pose.pose.position)

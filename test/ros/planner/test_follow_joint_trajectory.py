@@ -6,10 +6,7 @@ fields, with the generators of the ROS wheels.
 
 import importlib
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,16 +18,15 @@ from rclpy.action import ActionClient
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-import control_msgs_build
 from delta3_pacdrive.control.actions import Arrival
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import Code, ProgramError
-from delta3_pacdrive.ros.planner.follow_joint_trajectory import action_type, error_code_of, trajectory_request
+from delta3_pacdrive.ros.planner.follow_joint_trajectory import trajectory_request
+from delta3_pacdrive.ros.planner.motion_action import control_type, error_code_of
 from delta3_pacdrive.ros.wire.qos import REQUEST
 from trajectories import AXES, HALF_INCREMENT, Cell, message, still
 
 ACTION = 'unit_robot/follow_joint_trajectory'
-BUILD_S = 250.0  # for 20 files on a machine that has other things to do
 OURS = Tolerances(path_rad=(0.1, 0.2, 0.3), goal_rad=(0.01, 0.02, 0.03), goal_time_s=0.5, stopped_rad_s=0.04)
 
 
@@ -124,29 +120,14 @@ def services(graph: Any) -> list[str]:
     return [name for name, _ in graph.listener.get_service_names_and_types()]
 
 
-@pytest.mark.skipif(action_type() is not None, reason='control_msgs is installed: the action is there')
+@pytest.mark.skipif(
+    control_type('FollowJointTrajectory') is not None,
+    reason='control_msgs is installed: the action is there',
+)
 def test_without_control_msgs_only_the_action_is_missing(graph: Any) -> None:
     cell = Cell(graph)
     assert cell.send(message((0.5, still(0.1)))).startswith('accepted')
     assert not [name for name in services(graph) if 'follow_joint_trajectory' in name]
-
-
-@pytest.fixture(scope='module')
-def control_msgs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Give the package, installed or built; a built package is invisible outside this test."""
-    if action_type() is not None:
-        yield importlib.import_module('control_msgs')
-        return
-    if what := control_msgs_build.missing():
-        pytest.skip(f'control_msgs is not installed and cannot be built: {what}')
-    folder = tmp_path_factory.mktemp('control_msgs')
-    script = Path(control_msgs_build.__file__)
-    subprocess.run([sys.executable, script, folder], capture_output=True, check=True, timeout=BUILD_S)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder / 'site')
-        yield importlib.import_module('control_msgs')
-        for name in [name for name in sys.modules if name.partition('.')[0] == 'control_msgs']:
-            patch.delitem(sys.modules, name)
 
 
 class Driver:

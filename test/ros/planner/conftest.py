@@ -1,0 +1,41 @@
+"""The package ``control_msgs`` for tests of the planner's node."""
+
+import importlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import control_msgs_build
+from delta3_pacdrive.ros.planner.motion_action import control_type
+
+BUILD_S = 400.0  # for 50 files on a machine that has other things to do
+
+
+@pytest.fixture(scope='session')
+def control_msgs_site(tmp_path_factory: pytest.TempPathFactory) -> Path | None:
+    """Give the folder of a built package, None if one is installed."""
+    if control_type('ExecuteMotionPrimitiveSequence') is not None:
+        return None
+    if what := control_msgs_build.missing():
+        pytest.skip(f'control_msgs is not installed and cannot be built: {what}')
+    folder = tmp_path_factory.mktemp('control_msgs')
+    script = Path(control_msgs_build.__file__)
+    subprocess.run([sys.executable, script, folder], capture_output=True, check=True, timeout=BUILD_S)
+    return folder / 'site'
+
+
+@pytest.fixture(scope='module')
+def control_msgs(control_msgs_site: Path | None) -> Iterator[Any]:
+    """Give the package, installed or built; a built package is invisible outside the tests of this file."""
+    if control_msgs_site is None:
+        yield importlib.import_module('control_msgs')
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(control_msgs_site)
+        yield importlib.import_module('control_msgs')
+        for name in [name for name in sys.modules if name.partition('.')[0] == 'control_msgs']:
+            patch.delitem(sys.modules, name)
