@@ -62,11 +62,13 @@ class Own(NamedTuple):
     description: str
     low: float = 0.0
     high: float = 0.0  # equal to ``low`` for texts
+    writable: bool = False  # at run time
 
     @property
     def entry(self) -> tuple[str, Any, ParameterDescriptor]:
         """The parameter as rclpy declares it."""
-        return self.name, self.default, descriptor(self.description, self.low, self.high, type(self.default))
+        kind = type(self.default)
+        return self.name, self.default, descriptor(self.description, self.low, self.high, kind, self.writable)
 
 
 PLANT = Own('plant', '', 'plain or rich, instead of rich.enabled')
@@ -79,7 +81,7 @@ OWN: dict[str, tuple[Own, ...]] = {
         *(
             Own(
                 f'constraints.{axis}.{name}', 0.0, f'limit of the arm error {where} [rad]; 0: no limit',
-                0.0, _ERROR_MAX_RAD,
+                0.0, _ERROR_MAX_RAD, writable=True,
             )
             for name, where in (('trajectory', 'on a trajectory'), ('goal', 'at the end of a trajectory'))
             for axis in DRIVES
@@ -87,10 +89,11 @@ OWN: dict[str, tuple[Own, ...]] = {
         Own(
             'constraints.goal_time', 0.0,
             'time in which the arms come to rest at the end of a trajectory [s]; 0: no limit', 0.0, 3600.0,
+            writable=True,
         ),
         Own(
             'constraints.stopped_velocity_tolerance', 0.01, 'speed below which an arm is at rest [rad/s]',
-            0.0, 10.0,
+            0.0, 10.0, writable=True,
         ),
         Own('cell', '', 'cell file: programs may name its outputs; empty: none'),
     ),

@@ -46,7 +46,7 @@ class Cell:
         self.commands = graph.listen(JointState, 'sercos/mdt', CYCLIC_PUBLISHER)
         self.publisher = graph.listener.create_publisher(JointTrajectory, 'joint_trajectory', REQUEST)
         self.task = graph.robot(motion__start_cycle=-1)
-        graph.add(UnitRobotNode, motion__start_cycle=-1, **constraints)
+        self.planner = graph.add(UnitRobotNode, motion__start_cycle=-1, **constraints)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         graph.spin_until(
             lambda: (

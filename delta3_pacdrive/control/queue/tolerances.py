@@ -82,10 +82,13 @@ def _joints_at(timeline: Timeline, cycle: int) -> tuple[Move, MasterState, Float
 
 
 class ToleranceWatch:
-    """Supervision of one trajectory after the other."""
+    """Supervision of one trajectory after the other.
 
-    def __init__(self, tolerances: Tolerances, parameters: Parameters) -> None:
-        self._default = self._tolerances = tolerances
+    ``default`` applies to each trajectory that begins without own tolerances.
+    """
+
+    def __init__(self, default: Tolerances, parameters: Parameters) -> None:
+        self.default = self._tolerances = default
         self._period_s = parameters.bus.cycle_time_s
         self._run = 0  # number of the program with these tolerances
         self._settled = 0  # number of the last program with a decided goal
@@ -106,7 +109,7 @@ class ToleranceWatch:
 
     def begin(self, run: int, tolerances: Tolerances | None) -> None:
         """Start with a program by its number; ``tolerances`` replace the default ones."""
-        self._run, self._tolerances, self._goal = run, tolerances or self._default, None
+        self._run, self._tolerances, self._goal = run, tolerances or self.default, None
 
     def clear(self) -> bool:
         """Cancel the wait for a goal; return whether there was one."""

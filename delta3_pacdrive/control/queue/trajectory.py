@@ -106,6 +106,15 @@ class TrajectoryWatch:
         self._request_id = ''  # identity of the request of the last accepted program
         self._observed: tuple[int, Floats] | None = None
 
+    @property
+    def default(self) -> Tolerances:
+        """Tolerances of trajectories that begin without own ones; a new value applies from the next one on."""
+        return self._watch.default
+
+    @default.setter
+    def default(self, tolerances: Tolerances) -> None:
+        self._watch.default = tolerances
+
     def begin(self, identity: str, tolerances: Tolerances | None) -> None:
         """Start with the accepted program of a request; ``tolerances`` replace the default ones."""
         self._request_id = identity

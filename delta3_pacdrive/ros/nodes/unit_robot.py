@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.control.messages import Origin, Status, Verdict
 from delta3_pacdrive.control.queue.planner import Planner
-from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.adapted_program import rest_of
@@ -26,6 +26,7 @@ from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros import parameters as node_parameters
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
@@ -107,7 +108,7 @@ class UnitRobotNode(PollingNode):
         interfaces.PROFILE.bounded_subscription(self, self._on_profile)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
-        self._goals = list(self._offered_actions(robot, tolerances, cycles))
+        self._goals = list(self._offered_actions(robot, cycles))
         watched = tolerances.any or bool(self._goals)
         self._monitor = ToleranceMonitor(self, watched, cycles, planner)
         self._outputs = PlannerOutputs(
@@ -119,6 +120,7 @@ class UnitRobotNode(PollingNode):
             origin=self._origin,
         )
         self._faults = Faults(self, UNIT_ROBOT, self._newest, self._session)
+        self.add_post_set_parameters_callback(self._on_parameters)
         self._beats = self._looks = 0
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
         self._description.publish(String(data=urdf(robot)))
@@ -136,19 +138,23 @@ class UnitRobotNode(PollingNode):
             goals.destroy()
         super().destroy_node()
 
-    def _offered_actions(
-        self, robot: Parameters, tolerances: Tolerances, cycles: Clock
-    ) -> Iterator[MotionAction]:
+    def _offered_actions(self, robot: Parameters, cycles: Clock) -> Iterator[MotionAction]:
         """Yield the servers of the actions whose types are installed."""
         missing = 'the installed control_msgs, if any, has no %s: that action is not offered'
         if (kind := control_type('FollowJointTrajectory')) is not None:
-            yield FollowJointTrajectory(self, kind, self._planner, self._operators, tolerances, cycles)
+            yield FollowJointTrajectory(self, kind, self._planner, self._operators, cycles)
         else:
             self.get_logger().debug(missing % 'FollowJointTrajectory')
         if (kind := control_type('ExecuteMotionPrimitiveSequence')) is not None:
             yield MotionSequence(self, kind, self._planner, self._operators, robot.kinematics)
         else:
             self.get_logger().debug(missing % 'ExecuteMotionPrimitiveSequence')
+
+    def _on_parameters(self, _: list[Parameter]) -> None:
+        """Apply changed tolerances to the trajectories that begin from now on."""
+        names = [one.name for one in node_parameters.OWN[KIND] if one.writable]
+        values = {one.name: one.value for one in self.get_parameters(names)}
+        self._planner.trajectory.default = tolerances_of(values)
 
     def _session(self) -> bytes:
         status = self._planner.status

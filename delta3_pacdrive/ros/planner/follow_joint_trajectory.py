@@ -73,7 +73,7 @@ def _positions(asked: Any, default: tuple[float, float, float], what: str) -> tu
 
 
 class FollowJointTrajectory(MotionAction):
-    """The action server of one planner; ``tolerances`` apply to goals that specify none."""
+    """The action server of one planner."""
 
     name, success = NAME, 'the arms have reached the goal'
 
@@ -83,15 +83,16 @@ class FollowJointTrajectory(MotionAction):
         action: Any,
         planner: Planner,
         operators: PlannerServices,
-        tolerances: Tolerances,
         cycles: Clock,
     ) -> None:
         super().__init__(node, action, planner, operators)
-        self._tolerances, self._cycles = tolerances, cycles
+        self._cycles = cycles
         self._reported_cycle = -1  # newest bus cycle of the feedback
 
     def _request(self, goal: Any) -> Request:
-        return self._operators.request('trajectory', trajectory_request(goal, self._tolerances).to_json())
+        return self._operators.request(
+            'trajectory', trajectory_request(goal, self._planner.trajectory.default).to_json()
+        )
 
     def _publish_feedback(self, running: Goal) -> None:
         followed = self._planner.trajectory.followed()

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -132,6 +133,28 @@ def test_trajectory_beyond_its_path_tolerance_is_stopped_with_the_reason(graph: 
     assert cell.answers[-1].data.endswith('the limit is 1e-07 rad')
     cell.wait_for('idle')
     assert cell.missed(0.3) > HALF_INCREMENT
+
+
+def test_a_tolerance_that_is_set_at_run_time_applies_from_the_next_trajectory_on(graph: Any) -> None:
+    cell = Cell(graph)
+    path = 'constraints.axis2.trajectory'
+    cell.send(message((0.5, still(0.1))))
+    cell.wait_for('moving')
+    (done,) = cell.planner.set_parameters([Parameter(path, value=1e-7)])
+    assert done.successful
+    cell.wait_for('idle')
+    assert cell.missed(0.1) <= 1.01 * 2.0 * HALF_INCREMENT
+    cell.send(message((2.0, still(0.3))))
+    graph.spin_until(lambda: 'path tolerance violated: axis2 is ' in cell.answers[-1].data, 'the violation')
+    cell.wait_for('idle')
+    for wrong in (-1e-3, 1.5, math.nan, 'wide'):
+        assert not cell.planner.set_parameters_atomically([Parameter(path, value=wrong)]).successful
+    every = [Parameter(path, value=0.0), Parameter('constraints.goal_time', value=0.5)]
+    assert cell.planner.set_parameters_atomically(every).successful
+    cell.send(message((0.5, still(0.0))))
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed(0.0) <= 1.01 * 2.0 * HALF_INCREMENT
 
 
 def test_trajectory_within_its_tolerances_reaches_its_goal(graph: Any) -> None:
