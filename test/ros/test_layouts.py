@@ -2,13 +2,16 @@
 
 import json
 import re
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from delta3_pacdrive.control.messages import QueueReport, RequestReport
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.wire.interfaces import JOINT_STATES, LATCHED, TOPICS, Topic
 
@@ -32,9 +35,12 @@ def values(tree: Any, *keys: str) -> list[Any]:
 def require_field(topic: Topic, path: str) -> None:
     """Fail unless a message of the topic has this field."""
     message = topic.type()
+    if isinstance(message, DiagnosticArray):
+        message.status = [DiagnosticStatus()]
     for name in re.split(r'[./]', re.sub(r'\[\d+\]', '', path)):
         assert hasattr(message, name), f'{topic.type_name} has no {path}'
         message = getattr(message, name)
+        message = message[0] if isinstance(message, list) else message
 
 
 def rviz() -> dict[str, Any]:
@@ -70,6 +76,7 @@ def test_foxglove_shows_topics_of_the_robot() -> None:
     layout = foxglove()
     named = [name for topics in values(layout, 'topics') for name in topics]
     named += [name for name in values(layout, 'topicToRender', 'jointStatesTopic', 'topic') if name]
+    assert values(layout, 'selectedName') == ['queue']
     assert {'/markers', '/joint_states', '/robot_description', '/diagnostics'} <= set(named) <= set(BY_NAME)
 
 
@@ -109,6 +116,12 @@ def test_plotjuggler_draws_numbers_that_the_messages_have() -> None:
             # it calls the series of joint states by the names of the joints
             joint, _, field = field.partition('/')
             assert joint in topic.telegrams[0].names
+        if topic.type is DiagnosticArray:
+            # it calls the series of diagnostics by the name of the status and the key
+            name, key = field.split('/')
+            kind = {'queue': QueueReport, 'request': RequestReport}[name]
+            assert {one.name: one.type for one in fields(kind)}[key] in (int, float), curve
+            continue
         require_field(topic, field)
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped
 from rclpy.serialization import serialize_message
@@ -33,6 +34,7 @@ class Cell:
     def __init__(self, graph: Any) -> None:
         self.graph = graph
         self.reports = graph.listen(String, 'unit_robot/requests', REQUEST)
+        self.values = graph.listen(DiagnosticArray, 'unit_robot/requests/values', REQUEST)
         self.task = graph.robot(motion__start_cycle=-1)
         self.planner = graph.add(UnitRobotNode, motion__start_cycle=-1)
         self.operator = graph.add(OperatorNode, graph.spin_for)
@@ -77,6 +79,67 @@ def test_each_rejection_has_an_id_a_code_and_a_message(cell: Cell) -> None:
     assert 'z is -8 m' in refused[0][1]['sentence']
     cell.wait_for(refused[0][1]['id'], 'refused')
     assert cell.move(LINE)[0]
+
+
+def require_values(message: DiagnosticArray, text: str) -> None:
+    """Fail unless a message has the keys and values of a JSON text."""
+    (status,) = message.status
+    found = {item.key: item.value for item in status.values}
+    wanted = json.loads(text)
+    assert [*found] == [*wanted]
+    for key, value in wanted.items():
+        assert found[key] == (value if isinstance(value, str) else json.dumps(value)), key
+
+
+def test_values_of_requests_are_those_of_their_reports_with_bus_time(cell: Cell) -> None:
+    cell.wait_for(cell.move(LINE)[1]['id'], 'done')
+    cell.wait_for(cell.move('move_l: {to_m: [0.0, 0.0, -8.0]}')[1]['id'], 'refused')
+    cell.graph.spin_until(lambda: len(cell.values) == len(cell.reports), 'as many values as reports')
+    levels = {'refused': DiagnosticStatus.WARN}
+    for message, report in zip(cell.values, cell.reports, strict=True):
+        require_values(message, report.data)
+        (status,), state = message.status, json.loads(report.data)['state']
+        assert (status.name, status.message) == ('request', state)
+        assert status.level == levels.get(state, DiagnosticStatus.OK)
+    times = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in cell.values]
+    assert 0.0 < times[0] < times[-1] <= 1e-3 * cell.task.controller.next_cycle
+    assert times == sorted(times)
+
+
+def test_values_of_the_queue_are_those_of_its_report_and_warn_of_a_rejection(cell: Cell) -> None:
+    texts = cell.graph.listen(String, 'unit_robot/queue', LATCHED)
+    values = cell.graph.listen(DiagnosticArray, 'unit_robot/queue/values', LATCHED)
+
+    def shows(text: str) -> bool:
+        return bool(texts and values) and values[-1].status[0].message == text
+
+    cell.move(f'{{{LINE}, start: false}}')
+    cell.graph.spin_until(lambda: shows('1 move'), 'the queue')
+    require_values(values[-1], texts[-1].data)
+    assert (values[-1].status[0].name, values[-1].status[0].level) == ('queue', DiagnosticStatus.OK)
+    cell.move('move_l: {to_m: [0.0, 0.0, -8.0]}')
+    cell.graph.spin_until(lambda: values[-1].status[0].level == DiagnosticStatus.WARN, 'the rejection')
+    require_values(values[-1], texts[-1].data)
+    assert shows(json.loads(texts[-1].data)['refusal'])
+
+
+def test_before_bus_time_values_of_requests_have_a_negative_stamp_and_those_of_the_queue_wait(
+    graph: Any,
+) -> None:
+    requests = graph.listen(DiagnosticArray, 'unit_robot/requests/values', REQUEST)
+    texts = graph.listen(String, 'unit_robot/queue', LATCHED)
+    values = graph.listen(DiagnosticArray, 'unit_robot/queue/values', LATCHED)
+    graph.add(UnitRobotNode, motion__start_cycle=-1)
+    graph.spin_until(lambda: texts, 'the queue')
+    graph.call(AddDiagnostics, 'unit_robot/move', AddDiagnostics.Request(load_namespace='move_l: {}'))
+    graph.spin_until(lambda: requests, 'the request')
+    assert requests[-1].header.stamp.sec == -1
+    graph.spin_for(0.6)  # longer than the period of its checks
+    assert values == []
+    graph.robot(motion__start_cycle=-1)
+    graph.spin_until(lambda: values, 'its values')
+    require_values(values[-1], texts[-1].data)
+    assert values[0].header.stamp.sec >= 0
 
 
 def test_controlling_client_excludes_others(cell: Cell) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
@@ -245,6 +245,7 @@ LATCHED_TOPICS = {
     'unit_robot/state': String,
     'unit_robot/answer': String,
     'unit_robot/queue': String,
+    'unit_robot/queue/values': DiagnosticArray,
     'sercos/phase': Header,
 }
 
@@ -257,6 +258,8 @@ def test_late_subscribers_receive_the_present_state(driven: Driven) -> None:
     assert heard['control/operator'][-1].data.startswith('Anna, ')
     gripped = dict(zip(heard['outputs'][-1].name, heard['outputs'][-1].position, strict=True))
     assert (gripped['gripper'], gripped['payload_kg']) == (1.0, 0.25)
+    queue = {item.key: item.value for item in heard['unit_robot/queue/values'][-1].status[0].values}
+    assert queue['identity'] == driven.operator.queue.identity
     place = heard['motion/located'][-1]
     assert numbers_of(place) == pytest.approx([0.0, 0.1, -0.85], abs=1e-5)
     began, ended = heard['motion/course'][-1].data[0], cycle_of(place)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Header, String
 
@@ -23,7 +24,7 @@ from delta3_pacdrive.planning.adapted_program import rest_of
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.output_names import OWN
 from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
-from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, NEVER, Clock
 from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros import parameters as node_parameters
@@ -73,6 +74,12 @@ class NewestCycle:
                 self._newest = max(self._newest, cycle)
         return self._newest
 
+    def stamp(self) -> Time:
+        """Return the stamp of that cycle; negative before cyclic operation."""
+        cycle = self()
+        sec, nanosec = self._cycles.stamp(cycle) if cycle > 0 else (ACYCLIC_SEC, 0)
+        return Time(sec=sec, nanosec=nanosec)
+
 
 KIND = 'unit_robot'
 LOOK_S = 0.05  # period of the checks of timeouts and injected faults
@@ -107,7 +114,14 @@ class UnitRobotNode(PollingNode):
         interfaces.STATUS.bounded_subscription(self, self._on_status)
         interfaces.PROFILE.bounded_subscription(self, self._on_profile)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
-        self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
+        self._operators = PlannerServices(
+            self,
+            planner,
+            identity,
+            progress=self._thread.progress,
+            stamp=self._newest.stamp,
+            changed=self._carry_out,
+        )
         self._goals = list(self._offered_actions(robot, cycles))
         watched = tolerances.any or bool(self._goals)
         self._monitor = ToleranceMonitor(self, watched, cycles, planner)

@@ -6,8 +6,9 @@ In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``
 percent), and ``unit_robot/request`` (String, JSON: the same with the identity of the operator). Out:
 ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: reply to a request),
 ``unit_robot/queue`` (latched, JSON: content of the queue, override, planning progress, reason of the newest rejection),
-``unit_robot/requests`` (JSON: states of the moves of each request). Services: ``start``, ``resume``, ``clear``, and
-``unit_robot/move`` (moves in YAML; the reply contains an id).
+``unit_robot/requests`` (JSON: states of the moves of each request), and the keys and values of the latter two in
+``unit_robot/queue/values`` and ``unit_robot/requests/values`` (DiagnosticArray). Services: ``start``, ``resume``,
+``clear``, and ``unit_robot/move`` (moves in YAML; the reply contains an id).
 """
 
 import json
@@ -17,10 +18,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import AddDiagnostics
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from delta3_pacdrive.configuration.strict_reader import counted
 from delta3_pacdrive.control.messages import QueueReport, Request, RequestReport
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.request_service import FOR_MOVES
@@ -29,12 +33,20 @@ from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.ros.deferred_service import Respond
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import interfaces, move_messages
+from delta3_pacdrive.ros.wire.diagnostics import diagnostic_array
 from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
+from delta3_pacdrive.ros.wire.publishers import Output
 from delta3_pacdrive.ros.wire.request_server import RequestServer
+
+FAILED = (Phase.REJECTED, Phase.ABORTED)
 
 
 class PlannerServices:
-    """Operator services of one planner; ``changed`` is called after each request to execute the resulting actions."""
+    """Operator services of one planner.
+
+    ``progress`` describes the planning job, ``stamp`` returns bus time, negative before cyclic operation; ``changed``
+    is called after each request to execute the resulting actions.
+    """
 
     def __init__(
         self,
@@ -42,17 +54,19 @@ class PlannerServices:
         planner: Planner,
         identity: str,
         progress: Callable[[], str],
+        stamp: Callable[[], Time],
         changed: Callable[[], None],
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
-        self._progress, self._changed = progress, changed
+        self._progress, self._stamp, self._changed = progress, stamp, changed
         # by the identity of the request: request, callback of its reply, and the received request to reply to by topic
         self._pending: dict[int, tuple[Request, Respond | None, Request | None]] = {}
         self._anonymous = 0  # requests of clients without an identity
         self._refusal: Reason | None = None  # of the newest request
-        self._published_queue = ''
+        self._published_queue = self._published_values = ''  # JSON of the newest messages
         self._answer = interfaces.ANSWER.publisher(node)
         self._queue = interfaces.QUEUE.publisher(node)
+        self._queue_values = interfaces.QUEUE_VALUES.publisher(node)
         self._server = RequestServer(
             node,
             (interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY),
@@ -74,6 +88,7 @@ class PlannerServices:
             refuse = self._refuse if topic is interfaces.OVERRIDE else self.refuse_moves
             topic.bounded_subscription(node, receive, refuse)
         self._requests = interfaces.REQUESTS.publisher(node)
+        self._request_values = Output(node, interfaces.REQUESTS_VALUES)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
             service.deferred_servers(node, partial(self._serve, service.name))
         interfaces.MOVE.deferred_servers(node, self._move)
@@ -170,6 +185,10 @@ class PlannerServices:
     def report(self, report: RequestReport) -> None:
         """Publish the state of the moves of a request."""
         self._requests.publish(String(data=report.to_json()))
+        if self._request_values.wanted:
+            level = DiagnosticStatus.WARN if report.state in FAILED else DiagnosticStatus.OK
+            status = DiagnosticStatus(level=level, name='request', message=report.state)
+            self._request_values.publish(diagnostic_array(self._stamp(), status, report.to_fields()))
 
     def _refuse(self, sentence: str) -> None:
         self._publish_answer(Reason(Code.CONTENT, sentence), '')
@@ -219,3 +238,10 @@ class PlannerServices:
         if text != self._published_queue:
             self._published_queue = text
             self._queue.publish(String(data=text))
+        # without subscribers as well: the topic is latched
+        if text != self._published_values and (stamp := self._stamp()).sec >= 0:
+            self._published_values = text
+            level = DiagnosticStatus.WARN if report.refusal else DiagnosticStatus.OK
+            sentence = report.refusal or report.working or counted(moves, 'move')
+            status = DiagnosticStatus(level=level, name='queue', message=sentence)
+            self._queue_values.publish(diagnostic_array(stamp, status, report.to_fields()))

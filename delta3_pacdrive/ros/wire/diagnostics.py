@@ -1,8 +1,9 @@
-"""``/diagnostics`` of a node: level, message and key-value pairs."""
+"""Diagnostic messages with level, sentence and key-value pairs, and ``/diagnostics`` of a node."""
 
 import json
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
@@ -10,8 +11,19 @@ from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS
 from delta3_pacdrive.ros.wire.publishers import Output
 
 
+def diagnostic_array(stamp: Time, status: DiagnosticStatus, facts: dict[str, Any]) -> DiagnosticArray:
+    """Return a message with one status and its key-value pairs; values other than text are encoded as JSON."""
+    status.values = [
+        KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
+        for key, value in facts.items()
+    ]
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = stamp
+    return array
+
+
 class Health(Output):
-    """Publishes diagnostics on request; values other than text are encoded as JSON."""
+    """Publishes diagnostics on request."""
 
     def __init__(self, node: Node, hardware_id: str = '') -> None:
         super().__init__(node, DIAGNOSTICS)
@@ -25,10 +37,4 @@ class Health(Output):
             message=sentence,
             hardware_id=self._hardware_id,
         )
-        status.values = [
-            KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
-            for key, value in facts.items()
-        ]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self.publish(array)
+        self.publish(diagnostic_array(self._node.get_clock().now().to_msg(), status, facts))

@@ -494,10 +494,20 @@ QUEUE = Topic(
     'JSON: moves in the queue, their duration, the override, planning progress, reason of the newest rejection '
     'as a sentence and a code', CHANGE, recorded=True,
 )
+QUEUE_VALUES = Topic(
+    'unit_robot/queue/values', DiagnosticArray, LATCHED, (PLANNER,), (),
+    'keys and values of `unit_robot/queue`, stamped with bus time; level WARN after a rejection',
+    'on a change, from the start of cyclic operation on', recorded=True,
+)
 REQUESTS = Topic(
     'unit_robot/requests', String, REQUEST, (PLANNER,), (),
     'JSON: id of a move request, its state (planning, queued, running, done, refused, aborted), its statements, '
     'the number of remaining ones; code and sentence of a rejection', CHANGE, recorded=True,
+)
+REQUESTS_VALUES = Topic(
+    'unit_robot/requests/values', DiagnosticArray, REQUEST, (PLANNER,), (),
+    'keys and values of `unit_robot/requests`, stamped with bus time; the message is the state, the level WARN if the '
+    'request is refused or aborted', CHANGE, recorded=True,
 )
 MOVE_L = Topic(
     'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE,
