@@ -219,6 +219,7 @@ ACCEPTED = ''  # code of an acceptance
 # requests of operators to the transformation task
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'
 ENABLE, DISABLE, RESET = 'enable', 'disable', 'reset'
+STEER, END_STEERING = 'steer', 'end steering'
 HOLD, ABORT, EMERGENCY_STOP = 'hold', 'abort', 'emergency stop'
 # stops by the names of their services; available to everyone, regardless of control
 STOPS = {action.replace(' ', '_'): action for action in (HOLD, ABORT, EMERGENCY_STOP, DISABLE)}

@@ -9,6 +9,7 @@ class MotionState(StrEnum):
 
     IDLE = 'idle'
     MOVING = 'moving'
+    STEERED = 'steered'  # set points move it on line
     STOPPING = 'stopping'
     STOPPED = 'stopped'
     ERROR = 'error'
@@ -28,6 +29,7 @@ class Event(StrEnum):
     START = 'start'  # a program starts
     CHANGE = 'change'  # the master switches to another motion profile: override, resume
     EXTEND = 'extend'  # moves are appended
+    STEER = 'steer'  # set points move the robot from now on
     HOLD = 'hold'
     ABORT = 'abort'
     REST = 'stand'  # the master is at rest on its path
@@ -39,6 +41,10 @@ class Event(StrEnum):
 
 TRANSITIONS = {
     (MotionState.IDLE, Event.START): MotionState.MOVING,
+    (MotionState.IDLE, Event.STEER): MotionState.STEERED,
+    (MotionState.STEERED, Event.HOLD): MotionState.STEERED,
+    (MotionState.STEERED, Event.ABORT): MotionState.STEERED,
+    (MotionState.STEERED, Event.END): MotionState.IDLE,
     (MotionState.MOVING, Event.CHANGE): MotionState.MOVING,
     (MotionState.MOVING, Event.EXTEND): MotionState.MOVING,
     (MotionState.MOVING, Event.HOLD): MotionState.STOPPING,

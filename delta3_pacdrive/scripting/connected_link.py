@@ -10,23 +10,29 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive import simulation
 from delta3_pacdrive.belts.image import read_belts
 from delta3_pacdrive.belts.knowledge import RemoteBelts, TrackOrder
+from delta3_pacdrive.control.cycle.set_points import SetPoint
 from delta3_pacdrive.control.messages import EXACT, EXTEND, ORDER
 from delta3_pacdrive.control.operation.script_operations import (
     ATTACH,
     CANCEL,
+    GUIDE,
     HOLD,
     POLL,
+    STEER,
     TRACK,
     TRACK_AGAIN,
     WAIT,
+    Guide,
     ScriptOperation,
     Snapshot,
+    Steer,
 )
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError, ScriptError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.extension import Extension
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.scripting.belt_robot import BeltRobot
@@ -143,6 +149,14 @@ class ConnectedLink:
     def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
         self._node.request(TRACK_AGAIN, cycle)
+
+    def steer(self, cycle: int, limits: Limits) -> None:
+        """Let set points move the robot from a bus cycle on."""
+        self._node.request(STEER, Steer(cycle, limits))
+
+    def set_point(self, cycle: int, point: SetPoint) -> None:
+        """Give a steered robot a set point that counts from a bus cycle on."""
+        self._node.request(GUIDE, Guide(cycle, point))
 
     def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""

@@ -3,12 +3,14 @@
 from typing import Protocol
 
 from delta3_pacdrive.belts.knowledge import BeltKnowledge, TrackOrder
+from delta3_pacdrive.control.cycle.set_points import SetPoint
 from delta3_pacdrive.control.operation.script_operations import Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Reason, RefusedError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.extension import Extension
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program.output_names import OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
 
@@ -71,6 +73,12 @@ class Link(Protocol):
 
     def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
+
+    def steer(self, cycle: int, limits: Limits) -> None:
+        """Let set points move the robot from a bus cycle on; ``cancel`` ends it."""
+
+    def set_point(self, cycle: int, point: SetPoint) -> None:
+        """Give a steered robot a set point that counts from a bus cycle on."""
 
     def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.configuration.strict_reader import nearest_of
+from delta3_pacdrive.control.cycle.servo import checked_limits, default_limits
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import (
     Code,
@@ -23,6 +24,7 @@ from delta3_pacdrive.errors import (
     shown,
 )
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX, OVERRIDE_MIN
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program.frames import Frame, Tool
 from delta3_pacdrive.planning.program.model import Point, Statement
 from delta3_pacdrive.planning.program.output_names import named_bits
@@ -39,6 +41,7 @@ from delta3_pacdrive.scripting.arguments import (
 from delta3_pacdrive.scripting.link import HeldError, Link
 from delta3_pacdrive.scripting.moves import Batch, alone, is_move, unnumbered, without_wait
 from delta3_pacdrive.scripting.script_orders import BATCH_MAX, ScriptOrders
+from delta3_pacdrive.scripting.servo import Steering
 from delta3_pacdrive.scripting.source_position import NOWHERE, ScriptPlace, of_caller
 
 CALLS_MAX = 10_000  # consecutive calls without bus time
@@ -220,6 +223,45 @@ class Robot:
                     number('payload with this tool', carried, 0.0, PAYLOAD_MAX_KG, ' kg')
                 )
             self._maker.frame, self._maker.tool = frame, tool
+
+    @contextmanager
+    def servo(
+        self,
+        speed_m_s: float | None = None,
+        acceleration_m_s2: float | None = None,
+        jerk_m_s3: float | None = None,
+    ) -> Iterator[Steering]:
+        """Steer the robot on line within the block, by set points between waits; at its end the robot stops.
+
+        Parameters
+        ----------
+        speed_m_s, acceleration_m_s2, jerk_m_s3
+            Limits of the TCP; default: those of a move.
+
+        """
+        given = speed_m_s, acceleration_m_s2, jerk_m_s3
+
+        def call(act: Callable[[], None]) -> None:
+            with self._errors_at(of_caller()):
+                self._count()
+                act()
+
+        with self._errors_at(of_caller()):
+            self._order()
+            self._orders.finish_motion()
+            usual = astuple(default_limits(self.parameters))
+            limits = checked_limits(
+                Limits(*(own if value is None else value for value, own in zip(given, usual, strict=True)))
+            )
+            cycle = self._orders.ready().cycle + self.parameters.decision_cycles
+            self._link.steer(cycle, limits)
+            self._orders.effect = cycle
+        try:
+            yield Steering(self._link, call)
+        finally:
+            with self._errors_at(NOWHERE):
+                self._link.cancel(max(cycle, self._link.poll().cycle + self.parameters.decision_cycles))
+                self._orders.effect = self._link.poll().cycle
 
     # waits ------------------------------------------------------------------------------------------------------------
 

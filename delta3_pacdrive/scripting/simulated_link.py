@@ -11,6 +11,7 @@ from delta3_pacdrive.belts.tracking import BeltTracking
 from delta3_pacdrive.cell.cell import Cell
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.rotary_axis import combined_turns
+from delta3_pacdrive.control.cycle.set_points import SetPoint
 from delta3_pacdrive.control.cycle.transformation import Figures, Transformation
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.script_gate import first_decision
@@ -20,6 +21,7 @@ from delta3_pacdrive.errors import Code, Reason, RefusedError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.extension import Extension
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program.output_names import OWN
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.recording.acquisition import Acquisition
@@ -103,7 +105,8 @@ class SimulatedLink:
     def poll(self) -> Snapshot:
         """Return the state in the latest evaluated bus cycle."""
         cycle = self._operation.cycle - 1
-        motion = MotionState.MOVING if self._task.loaded else MotionState.IDLE
+        at_rest = MotionState.STEERED if self._task.servo.active else MotionState.IDLE
+        motion = MotionState.MOVING if self._task.loaded else at_rest
         return Snapshot.of(self._task, cycle, self._operation.commanded(), motion, self._inputs.bits(cycle))
 
     @property
@@ -120,6 +123,14 @@ class SimulatedLink:
         self.tracking.again_cycle = cycle
         self.tracking.resume()  # the change of the motion profile follows
 
+    def steer(self, cycle: int, limits: Limits) -> None:
+        """Let set points move the robot from a bus cycle on."""
+        self._task.servo.begin(cycle, limits, self._task.tracking)
+
+    def set_point(self, cycle: int, point: SetPoint) -> None:
+        """Give a steered robot a set point that counts from a bus cycle on."""
+        self._task.servo.schedule(cycle, point)
+
     def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
         task, tracking = self._task, self._task.tracking
@@ -130,8 +141,14 @@ class SimulatedLink:
             if profile is not None:
                 self._log.follow(task.timeline.copy(), profile.cycle, continues=True)
         tracking.halt(task.next_cycle)
+        task.servo.end(task.next_cycle)
         tracking.clear_loss()
-        rest_cycle = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
+        rest_cycle = max(
+            tracking.rest_cycle,
+            task.servo.rest_cycle,
+            task.end_cycle if task.loaded else 0,
+            self._operation.cycle,
+        )
         self._operation.go_to(rest_cycle + self.parameters.in_position_cycles)
         if task.loaded:
             self._ended()

@@ -21,6 +21,7 @@ from delta3_pacdrive.belts.meeting import BeltAxes
 from delta3_pacdrive.control.cycle.learned_torques import FAULT, LearnedTorques
 from delta3_pacdrive.control.cycle.position_wait import PositionWait
 from delta3_pacdrive.control.cycle.rotary_axis import RotaryAxis, TurnFigures, require_turns
+from delta3_pacdrive.control.cycle.servo import Servo
 from delta3_pacdrive.control.cycle.stages import BeltStage, Event, Schedule, Stage
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES, TASK, initialize_history, task_constants
 from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle, give
@@ -139,6 +140,7 @@ class Transformation:
         self.rotary = tuple(RotaryAxis(parameters, number) for number in range(axes - ARMS))
         for axis in self.rotary:
             axis.precompile(record, self.timeline)
+        self.servo = Servo(parameters, record)
         self.follow_belts(())
         # first cycle that counts for the figures of the program, and the first after those
         self._measured = NEVER, NEVER
@@ -150,7 +152,7 @@ class Transformation:
         """Use these belts from now on and discard all earlier belt state."""
         self.tracking = BeltStage(self._parameters, belts, self.state, self._stop_off_belt)
         # stages that take part in the command of each bus cycle
-        self._commanding: list[Stage] = [*([self.tracking] if belts else []), *self.rotary]
+        self._commanding: list[Stage] = [*([self.tracking] if belts else []), self.servo, *self.rotary]
         self._stages: list[Stage] = [self.learned, self._wait, *self._commanding]
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
@@ -249,8 +251,9 @@ class Transformation:
         return profile
 
     def _halt(self, hard: bool) -> None:
-        """Bring the belt offset to rest from the next cycle on."""
+        """Bring the belt offset and a steered robot to rest from the next cycle on."""
         self.tracking.halt(self.next_cycle, hard)
+        self.servo.halt(self.next_cycle, hard)
         if self.loaded:
             self.state['end_cycle'] = max(self.end_cycle, self.tracking.rest_cycle)
 
@@ -286,6 +289,7 @@ class Transformation:
         """Clear program, pending stop and enabling, because cyclic operation has ended."""
         self.clear_program()
         self.tracking.clear()
+        self.servo.clear()
         self.learned.fade_out(self.next_cycle, FAULT, for_good=True)
         self._schedule.cancel(Event.STOP, Event.DISABLE)
         self.disable()
@@ -300,7 +304,9 @@ class Transformation:
         if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
             self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
         self._halt(hard)
-        rest_cycle = max(cycle, self.tracking.rest_cycle, self.end_cycle if self.loaded else 0)
+        rest_cycle = max(
+            cycle, self.tracking.rest_cycle, self.servo.rest_cycle, self.end_cycle if self.loaded else 0
+        )
         self._schedule.set(Event.DISABLE, min(self.disable_cycle, rest_cycle + DISABLE_CYCLES))
 
     def change(self, profile: MotionProfile) -> None:
@@ -446,6 +452,8 @@ class Transformation:
 
     def next_event(self, cycle: int) -> int:
         """Return the first cycle from a cycle on in which more happens than continuing the motion profile."""
+        if self.servo.active:
+            return cycle
         # the control word changes at both ends of the measured range
         edge = next((edge for edge in self._measured if edge > cycle), NEVER)
         due = min(edge, self._schedule.next_cycle)

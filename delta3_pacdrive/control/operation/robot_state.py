@@ -32,6 +32,7 @@ from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.learned_torques import followed_text
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.plan import STANDING_M
 from delta3_pacdrive.robot.drive.diagnostics import FAULT_OF_NUMBER, fault_text
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
@@ -117,7 +118,7 @@ class RobotState:
     @property
     def checked_from(self) -> int:
         """First bus cycle in which every drive must be in torque for a motion; ``NEVER`` at rest."""
-        if self.motion in (MotionState.MOVING, MotionState.STOPPING):
+        if self.motion in (MotionState.MOVING, MotionState.STOPPING, MotionState.STEERED):
             return self.starts
         return 0 if self.motion is MotionState.IDLE and not self._task.tracking.free else NEVER
 
@@ -199,6 +200,9 @@ class RobotState:
         rest_cycle = task.end_cycle if task.loaded else 0
         task.cancel_tracking()
         tracking.clear_loss()
+        if self.motion is MotionState.STEERED:
+            self._stop_steering(Event.ABORT)
+            rest_cycle = task.servo.rest_cycle
         return max(tracking.rest_cycle, rest_cycle)
 
     def _content_refusal(self, order: Order) -> Reason | None:
@@ -319,6 +323,8 @@ class RobotState:
 
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; return why not, or a description of the stop."""
+        if self.motion is MotionState.STEERED:
+            return self._stop_steering(Event.HOLD)
         return self._event_refusal(Event.HOLD) or self._stop_on_path(Event.HOLD)
 
     def hold_or_leave_belt(self) -> Reason | str:
@@ -346,6 +352,8 @@ class RobotState:
         reason = self._event_refusal(Event.ABORT)
         if reason is not None:
             return self._leave_belt() or reason
+        if self.motion is MotionState.STEERED:
+            return self._stop_steering(Event.ABORT)
         if self.motion == MotionState.MOVING:
             sentence = self._stop_on_path(Event.ABORT)
         else:
@@ -397,6 +405,8 @@ class RobotState:
             self._publish_profile()
         if task.tracking.belts:
             self._update_belt(cycle)
+        if self.motion is MotionState.STEERED and not task.servo.active:
+            self._end(Event.END, cycle)
         if cycle >= self._due:
             self._due = NEVER
             if self._aborting:
@@ -438,6 +448,32 @@ class RobotState:
         self._update_extension()
         self._enter(event)
         self.locate(self._task.state['tcp'][0], cycle)
+
+    # steering on line -----------------------------------------------------------------------------------------------
+
+    def steer(self, limits: Limits, cycle: int = 0) -> Reason | str:
+        """Let set points move the robot from a bus cycle on; return why not, or a description."""
+        task = self._task
+        on_belt = None if task.tracking.free else Reason(Code.STATE, 'the robot follows a belt')
+        reason = self.refusal() or on_belt
+        if reason is not None:
+            return reason
+        self.starts = max(cycle, self._bus.earliest())
+        task.servo.begin(self.starts, limits, task.tracking)
+        self._enter(Event.STEER)
+        return f'set points move the robot from bus cycle {self.starts} on'
+
+    def end_steering(self) -> Reason | str:
+        """Stop a steered robot, which is then idle; return why not, or a description of the stop."""
+        if self.motion is not MotionState.STEERED:
+            return Reason(Code.STATE, f'{motion_sentence(self.motion)}, not steered')
+        return self._stop_steering(Event.HOLD)
+
+    def _stop_steering(self, event: Event) -> str:
+        task = self._task
+        task.servo.end(task.next_cycle)
+        self._enter(event)
+        return f'no longer steered, at rest in bus cycle {task.servo.rest_cycle}'
 
     # faults ---------------------------------------------------------------------------------------------------------
 

@@ -5,15 +5,18 @@ The table ``OPERATIONS`` has all requests of a script to a running robot. Their 
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any, Self
+from dataclasses import asdict, astuple, dataclass
+from typing import Any, NamedTuple, Self
 
 from delta3_pacdrive.axes import ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.belts.knowledge import TrackOrder
+from delta3_pacdrive.control.cycle.servo import checked_limits
+from delta3_pacdrive.control.cycle.set_points import SetPoint
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.control.operation.wait_condition import Commanded, WaitCondition
 from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program.model import Point
 
 
@@ -94,12 +97,48 @@ def _track_order_of(text: str) -> TrackOrder:
         raise ProgramError(f'an order is needed, not {shown(text)}') from None
 
 
+class Steer(NamedTuple):
+    """Let set points move the robot from a bus cycle on."""
+
+    cycle: int
+    limits: Limits
+
+
+class Guide(NamedTuple):
+    """A set point that counts from a bus cycle on."""
+
+    cycle: int
+    point: SetPoint
+
+
+def _steer_of(text: str) -> Steer:
+    try:
+        cycle, *limits = json.loads(text)
+        return Steer(int(cycle), checked_limits(Limits(*map(float, limits))))
+    except (ValueError, TypeError, RecursionError, OverflowError):
+        raise ProgramError(f'a bus cycle and three limits are needed, not {shown(text)}') from None
+
+
+def _guide_of(text: str) -> Guide:
+    try:
+        cycle, point = json.loads(text)
+        return Guide(int(cycle), SetPoint.from_document(point))
+    except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
+        raise ProgramError(f'a bus cycle and a set point are needed, not {shown(text)}') from None
+
+
 ATTACH = ScriptOperation('attach')
 POLL = ScriptOperation('look')
 WAIT = ScriptOperation('wait', WaitCondition.to_json, WaitCondition.from_json)
 HOLD = ScriptOperation('hold', str, _cycle_of)
 TRACK = ScriptOperation('get on', lambda order: json.dumps(order.to_document()), _track_order_of)
 TRACK_AGAIN = ScriptOperation('get on again', str, _cycle_of)
+STEER = ScriptOperation('steer', lambda steer: json.dumps([steer.cycle, *astuple(steer.limits)]), _steer_of)
+GUIDE = ScriptOperation(
+    'set point', lambda guide: json.dumps([guide.cycle, guide.point.to_document()]), _guide_of
+)
 CANCEL = ScriptOperation('abandon', str, _cycle_of)
 END = ScriptOperation('leave')
-OPERATIONS = {one.name: one for one in (ATTACH, POLL, WAIT, HOLD, TRACK, TRACK_AGAIN, CANCEL, END)}
+OPERATIONS = {
+    one.name: one for one in (ATTACH, POLL, WAIT, HOLD, TRACK, TRACK_AGAIN, STEER, GUIDE, CANCEL, END)
+}

@@ -24,13 +24,17 @@ from delta3_pacdrive.control.operation.script_operations import (
     ATTACH,
     CANCEL,
     END,
+    GUIDE,
     HOLD,
     OPERATIONS,
     POLL,
+    STEER,
     TRACK,
     TRACK_AGAIN,
     WAIT,
+    Guide,
     Snapshot,
+    Steer,
 )
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, shown
@@ -74,6 +78,8 @@ class ScriptService:
             HOLD.name: partial(self._stop, cancels_motion=False),
             TRACK.name: self._track,
             TRACK_AGAIN.name: self._track_again,
+            STEER.name: self._steer,
+            GUIDE.name: self._guide,
             CANCEL.name: partial(self._stop, cancels_motion=True),
             END.name: self._end,
         }
@@ -191,6 +197,17 @@ class ScriptService:
             return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')
         tracking.again_cycle = cycle
         return f'from bus cycle {cycle} on, if the robot resumes then'
+
+    def _steer(self, _: Request, steer: Steer) -> Reason | str:
+        return self._state.steer(steer.limits, self._possible(steer.cycle))
+
+    def _guide(self, _: Request, guide: Guide) -> Reason | str:
+        if self._state.motion is not MotionState.STEERED:
+            held, self._held_outside = self._held_outside, None
+            return held or Reason(Code.STATE, f'{motion_sentence(self._state.motion)}, not steered')
+        cycle = self._possible(guide.cycle)
+        self._task.servo.schedule(cycle, guide.point)
+        return f'from bus cycle {cycle} on'
 
     def _wait_for_rest(self, request: Request) -> None:
         """Wait for the standstill, after which moves and belt are cleared."""

@@ -14,17 +14,19 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.control import messages
+from delta3_pacdrive.control.cycle.servo import default_limits, limits_of
 from delta3_pacdrive.control.messages import ENABLE, RELEASE, RESET, TAKE_OVER, Request
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.robot_controller import RobotController
-from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.errors import Code, Delta3Error, Reason, shown
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros.deferred_service import Respond
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.request_server import RequestServer
 
-NEEDS_CONTROL = frozenset({ENABLE, RESET})
+NEEDS_CONTROL = frozenset({ENABLE, RESET, messages.STEER})
 
 
 class OperatorServices:
@@ -37,6 +39,7 @@ class OperatorServices:
     def __init__(
         self,
         node: RobotNode,
+        parameters: Parameters,
         controller: RobotController,
         changed: Callable[[], None],
         control_changed: Callable[[], None],
@@ -49,7 +52,10 @@ class OperatorServices:
             messages.ABORT: controller.scripts.abort,
             messages.EMERGENCY_STOP: state.emergency_stop,
             messages.DISABLE: self._enabling.disable,
+            messages.END_STEERING: state.end_steering,
         }
+        self._limits = default_limits(parameters)
+        self._steered_by = ''  # operator that has started the steering, empty without one
         self._operator = interfaces.CONTROL_OPERATOR.publisher(node)
 
         def session() -> str:
@@ -72,12 +78,16 @@ class OperatorServices:
         ):
             service.deferred_servers(node, partial(self._serve, action))
         interfaces.ENABLE.deferred_servers(node, self._on_enable)
+        interfaces.SERVO.deferred_servers(node, self._on_servo)
 
     def _serve(self, action: str, _: Trigger.Request, respond: Respond) -> None:
         self._do('', action, '', respond)
 
     def _on_enable(self, request: SetBool.Request, respond: Respond) -> None:
         self._do('', ENABLE if request.data else messages.DISABLE, '', respond)
+
+    def _on_servo(self, request: SetBool.Request, respond: Respond) -> None:
+        self._do('', messages.STEER if request.data else messages.END_STEERING, '', respond)
 
     # control --------------------------------------------------------------------------------------------------------
 
@@ -90,7 +100,7 @@ class OperatorServices:
         if lost is None:
             return
         self._log.error(f'{lost.name} has lost control: heartbeat timeout')
-        if self._state.motion == MotionState.MOVING:
+        if self._state.motion in (MotionState.MOVING, MotionState.STEERED):
             self._state.hold()
             self._changed()
         self._publish_control()
@@ -118,6 +128,8 @@ class OperatorServices:
                 outcome = self._change_control(operator, action, text)
             elif action in (RESET, ENABLE):
                 outcome = (self._enabling.reset if action == RESET else self._enabling.enable)(respond)
+            elif action == messages.STEER:
+                outcome = self._steer(operator, text)
             elif action in self._acts:
                 outcome = self._acts[action]()
             else:
@@ -130,6 +142,14 @@ class OperatorServices:
         elif outcome is not None:
             respond(None, outcome)
 
+    def _steer(self, operator: str, text: str) -> Reason | str:
+        try:
+            limits = limits_of(text, self._limits)
+        except Delta3Error as error:
+            return Reason.of(error)
+        self._steered_by = operator
+        return self._state.steer(limits)
+
     def _change_control(self, identity: str, action: str, name: str) -> Reason | str:
         if action == RELEASE:
             reason = self._control.release(identity)
@@ -138,5 +158,10 @@ class OperatorServices:
             reason = self._control.take(operator, action == TAKE_OVER, time.monotonic())
         if reason is not None:
             return reason
+        if (
+            self._state.motion is MotionState.STEERED
+            and (self._steered_by or action == TAKE_OVER) != identity
+        ):
+            self._state.end_steering()
         self._publish_control()
         return 'control released' if action == RELEASE else f'{name} has control'

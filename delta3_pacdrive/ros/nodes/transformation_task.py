@@ -38,6 +38,7 @@ from delta3_pacdrive.ros.task.belt_receiver import BeltReceiver
 from delta3_pacdrive.ros.task.outputs import RobotOutputs, TaskOutputs
 from delta3_pacdrive.ros.task.planner_link import PlannerLink
 from delta3_pacdrive.ros.task.receivers import AtReceiver, InputReceiver
+from delta3_pacdrive.ros.task.set_points import SetPointReceiver
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.announcements import receive_announcements
 from delta3_pacdrive.ros.wire.diagnostics import Health
@@ -203,7 +204,10 @@ class TransformationTaskNode(PollingNode):
         self._injection = FaultInjection(self, controller, cycle_time_s)
         self._planner = PlannerLink(self, controller, self.run_actions)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
-        self._operators = OperatorServices(self, controller, self.run_actions, self._planner.publish_status)
+        self._operators = OperatorServices(
+            self, parameters, controller, self.run_actions, self._planner.publish_status
+        )
+        self._set_points = SetPointReceiver(self, controller, period_s, cycle_time_s)
         self._scripts = ScriptRequests(self, controller, self.run_actions)
         receive_announcements(
             self, controller.receive_announcement, self.reject_telegram, controller.bus.names
@@ -281,6 +285,7 @@ class TransformationTaskNode(PollingNode):
         self._receiver.poll()
         self._inputs.poll()
         self._belts.poll()
+        self._set_points.poll()
         self._cycles.start_due()
 
     def _look(self) -> None:
@@ -288,6 +293,7 @@ class TransformationTaskNode(PollingNode):
         if self.controller.gate.closed:
             self.commands.repeat()
         self._operators.check_heartbeat()
+        self._set_points.publish()
         self.publish_status()
 
 

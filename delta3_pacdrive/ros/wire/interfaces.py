@@ -10,7 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
-from geometry_msgs.msg import PointStamped, PoseArray
+from geometry_msgs.msg import PointStamped, PoseArray, PoseStamped, TwistStamped
 from nav_msgs.msg import Path
 from rclpy.client import Client
 from rclpy.node import Node
@@ -118,6 +118,9 @@ FACTS = Delivery(
     qos.FACTS,
     qos.FACTS,
     'Events, message by message, also for slightly late subscribers.',
+)
+SET_POINT = Delivery(
+    'set points', qos.REPORT, qos.NEWEST_FEW, 'Best effort: of set points that wait, only the newest count.'
 )
 REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for users and tools.')
 SAMPLES = Delivery(
@@ -534,6 +537,19 @@ OVERRIDE = Topic(
     'unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED,
     bytes_max=PROGRAM_BYTES_MAX,
 )
+SERVO_TWIST = Topic(
+    'servo/twist', TwistStamped, SET_POINT, (), (TASK,),
+    'velocity of the TCP [m/s] of a steered robot, in the frame `base` or of a belt', '20 to 500 Hz',
+)
+SERVO_POSE = Topic(
+    'servo/pose', PoseStamped, SET_POINT, (), (TASK,), 'position of the TCP [m] of a steered robot', '20 to 500 Hz',
+    _BASE,
+)
+SERVO_STATE = Topic(
+    'servo/state', DiagnosticStatus, LATCHED, (TASK,), (),
+    'whether set points move the robot, whether a limit slows it down, accepted and rejected set points, newest '
+    'rejection', CHANGE, recorded=True,
+)
 PLANNER_REQUEST = Topic(
     'unit_robot/request', String, REQUEST, (OPERATOR, SCRIPT), (PLANNER,),
     'JSON: request of an identified operator: program, move, trajectory, start, resume, clear, override, '
@@ -655,6 +671,13 @@ RESUME = Service('resume', Trigger, PLANNER, 'continue after a hold', needs_cont
 CLEAR = Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True)
 ENABLE = Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True)
 RESET = Service('reset', Trigger, TASK, 'clear faults whose cause has been removed', needs_control=True)
+SERVO = Service(
+    'servo',
+    SetBool,
+    TASK,
+    'let set points move the robot (needs control), or stop it (does not)',
+    needs_control=True,
+)
 HOLD = Service('hold', Trigger, TASK, 'stop on the path; can be resumed')
 ABORT = Service('abort', Trigger, TASK, 'stop on the path; cannot be resumed')
 EMERGENCY_STOP = Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off')

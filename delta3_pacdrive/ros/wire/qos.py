@@ -20,6 +20,7 @@ FAULTS = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
 FACTS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 REPORT = QoSProfile(depth=10)
+NEWEST_FEW = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # Two seconds of an oscilloscope: a shorter delay of a reader loses nothing, and no drive ever waits for a reader.
 SAMPLES = QoSProfile(depth=256)

@@ -1,0 +1,181 @@
+"""Steering on line as a stage of the transformation task.
+
+A steered robot leaves its ``planned`` position by an offset, as on a belt, so that following error, TCP error, torques
+and gears are evaluated in the same way. At the end the offset becomes part of the position.
+"""
+
+import json
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+from numpy.typing import NDArray
+
+from delta3_pacdrive.control.cycle.set_points import REST, Goal, SetPoint, SetPointKind, SetPointStream
+from delta3_pacdrive.control.cycle.stages import BeltStage, Stage
+from delta3_pacdrive.control.cycle.steering import (
+    POSITION,
+    STOPPING,
+    VELOCITY,
+    begin_at,
+    begin_stop,
+    servo_record,
+    servo_step,
+)
+from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
+from delta3_pacdrive.numerics.vector3 import triple
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import HARD_RISE_S
+from delta3_pacdrive.planning.limits.limits import Limits
+
+MODES = {None: STOPPING, SetPointKind.VELOCITY: VELOCITY, SetPointKind.POSITION: POSITION}
+
+
+JERK_MAX_M_S3 = 1e5  # steps of the acceleration are reached within milliseconds
+RANGES = {'speed_m_s': (0.001, 20.0), 'acceleration_m_s2': (0.1, 1e3), 'jerk_m_s3': (1.0, JERK_MAX_M_S3)}
+
+
+def default_limits(parameters: Parameters) -> Limits:
+    """Return the limits of the TCP of a steered robot: those of a move."""
+    motion = parameters.motion
+    jerk = min(motion.jerk_max_m_s3, JERK_MAX_M_S3)
+    return Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, jerk)
+
+
+def checked_limits(limits: Limits) -> Limits:
+    """Return limits of a steered robot; raises ProgramError for one that is out of range."""
+    for name, (least, most) in RANGES.items():
+        value = getattr(limits, name)
+        if not least <= value <= most:
+            raise ProgramError(f'{name} of a steered robot is {value:g}, but must be {least:g} to {most:g}')
+    return limits
+
+
+def limits_of(text: str, usual: Limits) -> Limits:
+    """Return the limits of a request, JSON with some of them or empty; raises ProgramError."""
+    try:
+        given = json.loads(text or '{}')
+        limits = replace(usual, **{name: float(value) for name, value in given.items()})
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+        known = ', '.join(RANGES)
+        raise ProgramError(f'limits of a steered robot are JSON with {known}, not {shown(text)}') from None
+    return checked_limits(limits)
+
+
+@dataclass(frozen=True)
+class Steered:
+    """State of a steered robot after a command."""
+
+    active: bool  # whether set points move the robot
+    held_back: bool  # whether a limit of the position slows it down
+    accepted: int  # set points since the begin
+    rejected: int
+
+
+class Servo(Stage):
+    """Steering of the TCP by set points; inactive until ``begin``.
+
+    ``state`` is ``TASK['state']`` of the ``record`` of the task.
+    """
+
+    def __init__(self, parameters: Parameters, record: NDArray[Any]) -> None:
+        self._parameters, self._task = parameters, record
+        self._state = record['state']
+        self._record = servo_record(parameters, default_limits(parameters))
+        self._time = parameters.bus.cycle_time_s
+        self._delay = parameters.set_point_delay_cycles
+        self._belts: BeltStage | None = None
+        self._stream = SetPointStream()
+        self.active = False
+        self.begins = self.rest_cycle = 0  # first cycle of a motion, and first one at rest after a stop
+        self._leaving = self._halted = False
+        self._scheduled: deque[tuple[int, SetPoint]] = deque()
+        self.accepted = self.rejected = 0
+
+    def begin(self, cycle: int, limits: Limits, belts: BeltStage) -> None:
+        """Let set points move the robot, which is at rest, from a future bus cycle on."""
+        self._record = servo_record(self._parameters, limits)
+        self._belts = belts
+        begin_at(triple(self._state['tcp'][0]), self._record, self._task)
+        self._stream.clear()
+        self._scheduled.clear()
+        self.active, self._leaving, self._halted = True, False, False
+        self.begins, self.rest_cycle = cycle, 0
+        self.accepted = self.rejected = 0
+
+    def take(self, point: SetPoint, now_s: float) -> Reason | None:
+        """Take a set point at a bus time [s]; return why it is rejected, None if it is not."""
+        reason = self._stream.take(point, now_s)
+        if reason is None and point.belt >= len(self._belts.belts if self._belts else ()):
+            reason = Reason(Code.CONTENT, f'there is no belt number {point.belt}')
+        self.accepted += reason is None
+        self.rejected += reason is not None
+        return reason
+
+    def schedule(self, cycle: int, point: SetPoint) -> None:
+        """Take a set point in a future bus cycle; those of a script come in order."""
+        self._scheduled.append((cycle, point))
+
+    def prepare(self, cycle: int) -> None:
+        """Set the offset of the command."""
+        if not self.active:
+            return
+        while self._scheduled and self._scheduled[0][0] <= cycle:
+            self.take(self._scheduled.popleft()[1], cycle * self._time)
+        record = self._record[0]
+        goal = self._goal(cycle)
+        record['mode'] = MODES[goal.kind]
+        record['goal'] = goal.position, goal.velocity, goal.acceleration
+        at_rest = servo_step(self._record, self._task)
+        state = self._state[0]
+        state['tracks'] = 1
+        state['offset'] = record['p'] - state['planned'], record['v'], record['a']
+        if at_rest and self._leaving and cycle >= self.rest_cycle:
+            self.clear()
+
+    def _goal(self, cycle: int) -> Goal:
+        if self._halted or cycle < self.begins:
+            return REST
+        # the command of this cycle is reached a delay later
+        goal = self._stream.goal((cycle + self._delay) * self._time, float(self._record['stop_duration'][0]))
+        if goal.belt < 0 or self._belts is None:
+            return goal
+        there, belt = self._belts.expected(goal.belt, cycle), self._belts.belts[goal.belt]
+        u, v, w = goal.velocity
+        return replace(goal, velocity=belt.turned((u + there.speed_m_s, v, w)))
+
+    def halt(self, cycle: int, hard: bool = False) -> None:
+        """Come to rest from the command of a bus cycle on and ignore set points; a hard stop replaces a soft one."""
+        if not self.active or (self._halted and not hard):
+            return
+        record = self._record[0]
+        if hard:
+            acceleration = max(
+                self._parameters.motion.fault_stop_acceleration_m_s2, float(record['acceleration'])
+            )
+            record['acceleration'], record['jerk'] = acceleration, acceleration / HARD_RISE_S
+            begin_stop(self._record)
+        self._halted = True
+        left_s = float(record['stop_duration'] - record['stop_time'])
+        self.rest_cycle = cycle + math.ceil(left_s / self._time)
+
+    def end(self, cycle: int) -> None:
+        """Come to rest from the command of a bus cycle on, then leave the robot where it is."""
+        self.halt(cycle)
+        self._leaving = True
+
+    def clear(self) -> None:
+        """Leave the robot at rest where it is."""
+        if not self.active:
+            return
+        self.active = False
+        self._stream.clear()
+        state = self._state[0]
+        state['tracks'], state['planned'] = 0, state['tcp']
+
+    @property
+    def steered(self) -> Steered:
+        """State after the last command."""
+        held_back = self.active and bool(self._record['held_back'][0])
+        return Steered(self.active and not self._halted, held_back, self.accepted, self.rejected)
