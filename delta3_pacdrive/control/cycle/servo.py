@@ -93,6 +93,12 @@ class Servo(Stage):
         self._scheduled: deque[tuple[int, SetPoint]] = deque()
         self.accepted = self.rejected = 0
 
+    def precompile(self) -> None:
+        """Compile and load the calculations of a step, because a bus cycle has no time for it."""
+        begin_at((0.0, 0.0, 0.0), self._record, self._task)
+        servo_step(self._record, self._task)
+        begin_stop(self._record)
+
     def begin(self, cycle: int, limits: Limits, belts: BeltStage) -> None:
         """Let set points move the robot, which is at rest, from a future bus cycle on."""
         self._record = servo_record(self._parameters, limits)

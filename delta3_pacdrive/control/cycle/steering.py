@@ -39,6 +39,8 @@ Arguments of the kernels here:
     Velocity towards the goal [m/s], shape (3,).
 ``share``
     Share of the limit of acceleration used for the step, or of the distance from a limit.
+``least``
+    Least permitted distances ``h``, ``MARGINS`` of them.
 ``length``
     Maximum length of a vector, in its unit.
 """
@@ -65,6 +67,7 @@ from delta3_pacdrive.planning.paths.path_dynamics import arm_motion
 from delta3_pacdrive.robot.motor import friction_torque
 
 MARGINS = 16  # top, bottom, radius, parallel; of each arm: smallest and largest angle, swing, serial
+STOP_MAX_S = 60.0  # longest stop
 STOP_SAMPLES = 12  # instants of a stop at which the limits are checked
 POSITION_GAIN = 20.0  # [1/s] of the distance from the goal
 VELOCITY_GAIN = 80.0  # [1/s] of the deviation from the wanted velocity; four times as fast: no overshoot
@@ -300,18 +303,22 @@ def _stop_terms(u, v, a, duration):
 
 @kernel
 def stop_duration(v, a, servo):
-    """Shortest duration [s] of a stop within the limits of acceleration and jerk, to 1 %; -1 if there is none."""
+    """Shortest duration [s] of a stop within the limits of acceleration and jerk, to 3 %; -1 if there is none."""
     s = servo[0]
     duration = 4.0 * s.cycle_time
-    while duration < 10.0:
+    while duration < STOP_MAX_S:
         first = combine(-6.0 / (duration * duration), v, -4.0 / duration, a, 0.0, v)
         last = combine(6.0 / (duration * duration), v, 2.0 / duration, a, 0.0, v)
         kept = max(dot(first, first), dot(last, last)) <= s.jerk * s.jerk
+        # the acceleration is a parabola, which may rise between two samples
+        bow = length_of(combine(12.0 / duration, v, 6.0, a, 0.0, v)) / 512.0
+        least = s.acceleration - bow
+        kept = kept and least > 0.0
         for n in range(1, 8):
             if not kept:
                 break
             _, _, bend = _stop_terms(n / 8.0, v, a, duration)
-            kept = dot(bend, bend) <= s.acceleration * s.acceleration
+            kept = dot(bend, bend) <= least * least
         if kept:
             return duration
         duration *= 1.1 if duration < 0.1 else 1.03
@@ -319,13 +326,29 @@ def stop_duration(v, a, servo):
 
 
 @kernel
-def _is_permitted(p, v, a, bow, servo, task):
-    """Whether a state respects all limits; ``bow`` [m] is the distance kept from limits of the position."""
+def _highest_speed(v, a, duration):
+    """Highest speed [m/s] during a stop: that of its begin, or where the speed along ``v`` has its maximum."""
+    speed = length_of(v)
+    if not speed > 0.0:
+        # from rest the whole motion is due to the acceleration, and fastest after a third
+        return length_of(a) * duration * 4.0 / 27.0
+    along = dot(v, a) / speed * duration
+    if along <= 0.0:
+        return speed
+    square, linear = 6.0 * speed + 3.0 * along, 6.0 * speed + 4.0 * along
+    u = (linear - math.sqrt(linear * linear - 4.0 * square * along)) / (2.0 * square)
+    _, velocity, _ = _stop_terms(u, v, a, duration)
+    return length_of(velocity)
+
+
+@kernel
+def _is_permitted(p, v, a, least, h, servo, task):
+    """Whether a state respects all limits; sets the distances ``h``, which must be at least ``least``."""
     s, c, m = servo[0], task[0].constants, task[0].motor
-    h = np.empty(MARGINS)
     theta = position_margins(p, h, servo, task)
     for i in range(MARGINS):
-        if not h[i] + s.beyond[i] >= bow:
+        h[i] += s.beyond[i]
+        if not h[i] >= least[i]:
             return False
     speed, acceleration = arm_motion(theta, (p, v, a), 1.0, 0.0, task[0].geometry)
     torque = arm_torques((theta, speed, acceleration), task[0].state.payload, task)
@@ -342,24 +365,23 @@ def _is_permitted(p, v, a, bow, servo, task):
 def _can_stop(p, v, a, servo, task):
     """Duration [s] of a stop from a state within all limits; -1 if there is none."""
     s = servo[0]
-    if dot(v, v) > s.speed * s.speed * (1.0 + 1e-9):
-        return -1.0
     duration = stop_duration(v, a, servo)
-    if duration < 0.0:
+    if duration < 0.0 or _highest_speed(v, a, duration) > s.speed * (1.0 + 1e-9):
         return -1.0
-    if not _is_permitted(p, v, a, 0.0, servo, task):
+    least, h = np.zeros(MARGINS), np.empty(MARGINS)
+    if not _is_permitted(p, v, a, least, h, servo, task):
         return -1.0
+    # path and speed may bend between two samples; a robot that is closer to a limit must not come closer
     step = duration / STOP_SAMPLES
     bow = min(0.125 * s.acceleration * step * step, INSIDE_M)
-    # the speed may rise between two samples
+    for i in range(MARGINS):
+        least[i] = min(bow, h[i])
     fastest = s.speed - 0.125 * s.jerk * step * step
     for n in range(1, STOP_SAMPLES + 1):
         way, velocity, bend = _stop_terms(n / STOP_SAMPLES, v, a, duration)
-        if dot(velocity, velocity) > fastest * fastest:
+        if length_of(velocity) > fastest:
             return -1.0
-        if not _is_permitted(
-            plus(p, 1.0, way), velocity, bend, bow if n < STOP_SAMPLES else 0.0, servo, task
-        ):
+        if not _is_permitted(plus(p, 1.0, way), velocity, bend, least, h, servo, task):
             return -1.0
     return duration
 

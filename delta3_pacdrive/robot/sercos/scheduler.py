@@ -99,6 +99,10 @@ class CycleScheduler:
         self._origin_s = self.shared.begin_s + self.shared.slip_s()
         return max(self._origin_s + cycle * self.period_s - due_s, 0.0) if self.period_s else 0.0
 
+    def cycles_at(self, now_s: float) -> float:
+        """Return the number of cycles, with a fraction, that are due at a time; only with a clock and a schedule."""
+        return (now_s - (self._origin_s or 0.0)) / self.period_s
+
     def end(self) -> None:
         """End the schedule."""
         if self.shared is not None:

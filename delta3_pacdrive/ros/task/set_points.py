@@ -121,7 +121,9 @@ class SetPointReceiver:
                 'a robot without a clock needs stamps in bus time: the sender needs use_sim_time',
             )
         age_s = (time.time_ns() - sec * SECOND_NS - nanosec) / SECOND_NS
-        return self._now_s - age_s * self._cycle_time_s / self._period_s
+        # by the schedule, because a cycle may be late
+        cycles = self._controller.cycles.scheduler.cycles_at(time.monotonic() - age_s)
+        return cycles * self._cycle_time_s
 
     def _is_second(self, topic: Topic, number: int) -> bool:
         """Whether two senders steer: numbers of messages decrease only if there are two, or if one has restarted."""

@@ -1,0 +1,434 @@
+"""Tests of steering on line: limits, boundaries, delay, stops, and the acceptance of set points."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.control.cycle.servo import checked_limits, default_limits, limits_of
+from delta3_pacdrive.control.cycle.set_points import (
+    AHEAD_S,
+    JUMP_M,
+    STALE_S,
+    STANDSTILL_S,
+    SetPoint,
+    SetPointKind,
+    SetPointStream,
+)
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.errors import Code, ProgramError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.limits.limits import Limits
+from delta3_pacdrive.planning.limits.violations import compared
+from delta3_pacdrive.planning.paths.path_dynamics import path_coefficients, timed_dynamics
+
+ROBOT = parameters.load()
+HOME = np.array(ROBOT.motion.home_m)
+T = ROBOT.bus.cycle_time_s
+DELAY_S = ROBOT.set_point_delay_cycles * T
+USUAL = default_limits(ROBOT)
+SHARE = 1e-3  # by which a limit may be exceeded
+
+
+@dataclass
+class Motion:
+    """Commanded motion of the TCP: one row per bus cycle, of shape (cycles, 3)."""
+
+    place: Floats
+    velocity: Floats
+    acceleration: Floats
+
+    @property
+    def jerk(self) -> Floats:
+        """Jerk between two bus cycles [m/s^3]."""
+        return np.diff(self.acceleration, axis=0) / T
+
+    @property
+    def largest(self) -> tuple[float, float, float]:
+        """Largest speed, acceleration and jerk."""
+        speed, acceleration, jerk = (
+            float(np.linalg.norm(rows, axis=1).max())
+            for rows in (self.velocity, self.acceleration, self.jerk)
+        )
+        return speed, acceleration, jerk
+
+
+class Robot:
+    """The transformation task of a steered robot, without drives."""
+
+    def __init__(self, robot: Parameters = ROBOT, limits: Limits = USUAL, home: Floats = HOME) -> None:
+        self.task = Transformation(robot)
+        self.task.locate(kinematics.inverse(home, robot) * robot.dynamics.gear_ratio)
+        self.task.servo.begin(0, limits, self.task.tracking)
+        self.cycle = 0
+
+    @property
+    def now_s(self) -> float:
+        return self.cycle * T
+
+    def run(self, cycles: int, feed: Callable[[float], list[SetPoint]] = lambda _: []) -> Motion:
+        """Run bus cycles; ``feed`` returns the set points that arrive before a bus time [s]."""
+        rows = np.empty((cycles, 3, 3))
+        for n in range(cycles):
+            for point in feed(self.now_s):
+                self.task.servo.take(point, self.now_s)
+            self.task.command(self.cycle)
+            state = self.task.state[0]
+            offset = state['offset'] if state['tracks'] else np.zeros((3, 3))
+            rows[n] = state['tcp'], offset[1], offset[2]
+            self.cycle += 1
+        return Motion(*np.moveaxis(rows, 1, 0))
+
+
+def stream(
+    value: Callable[[float], tuple[float, float, float]],
+    kind: SetPointKind,
+    rate_hz: float,
+    seed: int = 1,
+    jitter_s: float = 0.02,
+    lost: float = 0.05,
+    until_s: float = math.inf,
+) -> Callable[[float], list[SetPoint]]:
+    """Return the feed of a stream whose messages are late by up to ``jitter_s`` and partly lost."""
+    random = np.random.default_rng(seed)
+
+    def messages() -> Iterator[tuple[float, SetPoint]]:
+        arrived = 0.0
+        for n in range(10**6):
+            at = n / rate_hz
+            if at > until_s:
+                return
+            # a connection keeps the order of its messages
+            arrived = max(arrived, at + random.uniform(0.0, jitter_s))
+            if random.random() >= lost:
+                yield arrived, SetPoint(kind, at, value(at))
+
+    source = messages()
+    waiting: list[tuple[float, SetPoint]] = []
+
+    def feed(now_s: float) -> list[SetPoint]:
+        found = []
+        while True:
+            if not waiting:
+                following = next(source, None)
+                if following is None:
+                    return found
+                waiting.append(following)
+            if waiting[0][0] > now_s:
+                return found
+            found.append(waiting.pop()[1])
+
+    return feed
+
+
+def constant(x: float, y: float, z: float) -> Callable[[float], tuple[float, float, float]]:
+    return lambda _: (x, y, z)
+
+
+def assert_within_limits(motion: Motion, robot: Parameters = ROBOT, limits: Limits = USUAL) -> None:
+    """Check speed, acceleration, jerk, workspace, arms, motor speed, voltage and current of every command."""
+    speed, acceleration, jerk = motion.largest
+    assert speed <= limits.speed_m_s * (1.0 + SHARE)
+    assert acceleration <= limits.acceleration_m_s2 * (1.0 + SHARE)
+    assert jerk <= limits.jerk_m_s3 * (1.0 + SHARE)
+    k, (x, y, z) = robot.kinematics, motion.place.T
+    assert np.hypot(x, y).max() <= 0.5 * k.workspace_diameter_m * (1.0 + SHARE)
+    assert k.workspace_bottom_m * (1.0 + SHARE) <= z.min()
+    assert z.max() <= k.workspace_top_m * (1.0 - SHARE)
+    # as one path over time: the master's distance is time itself
+    n = len(motion.place)
+    samples = np.stack([motion.place, motion.velocity, motion.acceleration, np.zeros((n, 3))], axis=1)
+    c = path_coefficients(samples, np.zeros(n, np.int64), (robot.dynamics.payload_mass_kg,), robot)
+    degrees = np.degrees(c[:, 0:3])
+    assert degrees.min() >= k.arm_angle_min_deg * (1.0 + SHARE)
+    assert degrees.max() <= k.arm_angle_max_deg * (1.0 + SHARE)
+    assert c[:, 18:21].min() >= k.serial_singularity_min * (1.0 - SHARE)
+    assert np.degrees(c[:, 21:24]).max() <= k.forearm_swing_max_deg * (1.0 + SHARE)
+    assert c[:, 24].min() >= k.parallel_singularity_min * (1.0 - SHARE)
+    master = np.stack([np.arange(n) * T, np.ones(n), np.zeros(n), np.zeros(n)], axis=1)
+    entries = compared(timed_dynamics(master[:, 0], master, samples, c, robot), robot)
+    assert max(float(entry.stretch.max()) for entry in entries) <= 1.0 + SHARE
+
+
+# velocities
+
+
+def test_a_velocity_is_reached_and_kept():
+    motion = Robot().run(1000, stream(constant(0.2, -0.1, 0.0), SetPointKind.VELOCITY, 50.0))
+    assert motion.velocity[300:] == pytest.approx(np.tile((0.2, -0.1, 0.0), (700, 1)), abs=1e-6)
+    # position, velocity and acceleration belong together: constant jerk within a cycle
+    chord = np.diff(motion.place, axis=0) / T
+    mean = 0.5 * (motion.velocity[1:] + motion.velocity[:-1])
+    mean -= np.diff(motion.acceleration, axis=0) * T / 12.0
+    assert chord == pytest.approx(mean, abs=1e-9)
+    assert_within_limits(motion)
+
+
+@pytest.mark.parametrize(
+    'velocity',
+    [
+        (1.5, 0.0, 0.0), (0.0, 0.0, 1.5), (0.0, 0.0, -1.5), (1.0, 1.0, -1.0), (-3.0, 0.5, 0.2), (0.0, 1e3, 1e3),
+        (1e-9, 0.0, 0.0), (0.3, 0.0, 0.01),
+    ],
+)  # fmt: skip
+def test_a_robot_slows_down_before_a_limit_and_rests_there(velocity):
+    robot = Robot()
+    motion = robot.run(4000, stream(constant(*velocity), SetPointKind.VELOCITY, 100.0))
+    assert_within_limits(motion)
+    assert robot.task.servo.steered.held_back == (np.linalg.norm(velocity) > 1e-3)
+
+
+def test_a_robot_slides_along_a_limit():
+    robot = Robot()
+    robot.run(2000, stream(constant(0.5, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
+    motion = robot.run(8000, lambda now: [SetPoint(SetPointKind.VELOCITY, now, (0.3, 0.4, 0.0))])
+    assert_within_limits(motion)
+    x, y, _ = motion.place.T
+    radius = 0.5 * ROBOT.kinematics.workspace_diameter_m
+    assert np.hypot(x, y).min() > radius - 0.01
+    # on the cylinder it comes to rest where its normal is the direction of the velocity
+    assert math.atan2(y[-1], x[-1]) == pytest.approx(math.atan2(0.4, 0.3), abs=0.05)
+
+
+# positions
+
+
+def circle(time_s: float) -> tuple[float, float, float]:
+    angle = math.tau * 0.7 * time_s
+    return (
+        0.1 * math.cos(angle) - 0.1,
+        0.1 * math.sin(angle),
+        float(HOME[2]) + 0.02 * math.sin(2.0 * angle) - 0.03,
+    )
+
+
+def lag_s(motion: Motion, curve: Callable[[float], tuple[float, float, float]]) -> float:
+    """Return the delay of the TCP behind a curve that explains its motion best."""
+    times = np.arange(len(motion.place)) * T
+    actual = [np.interp(times - DELAY_S, times, column) for column in motion.place.T]
+    settled = times > 0.5
+
+    def deviation(lag: float) -> float:
+        wanted = np.array([curve(time - lag) for time in times[settled]])
+        return float(((np.array(actual).T[settled] - wanted) ** 2).sum())
+
+    lags = np.arange(-0.02, 0.06, 0.001)
+    return float(lags[np.argmin([deviation(lag) for lag in lags])])
+
+
+@pytest.mark.parametrize('rate_hz', [20.0, 50.0, 125.0, 500.0])
+def test_the_tcp_follows_a_smooth_stream_within_25_ms(rate_hz):
+    motion = Robot().run(3000, stream(circle, SetPointKind.POSITION, rate_hz))
+    assert_within_limits(motion)
+    # the parabola through positions every 50 ms leads a little
+    assert -0.015 <= lag_s(motion, circle) <= 0.025
+
+
+def test_a_position_at_rest_is_reached_exactly():
+    goal = (0.15, -0.05, -0.8)
+    motion = Robot().run(1500, stream(constant(*goal), SetPointKind.POSITION, 50.0))
+    assert motion.place[-1] == pytest.approx(goal, abs=1e-7)
+    assert_within_limits(motion)
+
+
+# stops
+
+
+@pytest.mark.parametrize('kind', list(SetPointKind))
+@pytest.mark.parametrize('rate_hz', [20.0, 500.0])
+def test_the_robot_rests_300_ms_after_the_last_set_point(kind, rate_hz):
+    def straight(time_s: float) -> tuple[float, float, float]:
+        return (1.5, 0.0, 0.0) if kind is SetPointKind.VELOCITY else (time_s, 0.0, float(HOME[2]))
+
+    robot = Robot()
+    feed = stream(straight, kind, rate_hz, jitter_s=0.0, lost=0.0, until_s=0.35)
+    motion = robot.run(1000, feed)
+    assert np.linalg.norm(motion.velocity, axis=1)[:350].max() > 0.5
+    # bus cycle whose command is the last of the motion, as it is reached
+    moving = np.flatnonzero(np.linalg.norm(motion.velocity, axis=1) > 1e-9)[-1]
+    assert moving * T + DELAY_S - 0.35 <= STANDSTILL_S + 2.0 * T
+    assert_within_limits(motion)
+
+
+def test_a_stop_is_smooth_and_ends_the_steering():
+    robot = Robot()
+    feed = stream(constant(0.8, 0.0, 0.0), SetPointKind.VELOCITY, 100.0)
+    before = robot.run(300, feed)
+    robot.task.servo.end(robot.cycle)
+    rest = robot.task.servo.rest_cycle
+    after = robot.run(400, feed)
+    assert_within_limits(
+        Motion(
+            *(np.concatenate(rows) for rows in zip(vars(before).values(), vars(after).values(), strict=True))
+        )
+    )
+    assert not robot.task.servo.active
+    assert robot.task.state['tracks'][0] == 0
+    assert (after.place[rest - 300 :] == after.place[-1]).all()
+    assert (robot.task.state['planned'] == robot.task.state['tcp']).all()
+    assert 0.05 < (rest - 300) * T < 0.2
+
+
+def test_a_hard_stop_is_that_of_a_fault():
+    robot = Robot()
+    robot.run(300, stream(constant(1.5, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
+    robot.task.stop_at(robot.cycle, hard=True)
+    motion = robot.run(200)
+    stop_s = (robot.task.servo.rest_cycle - 300) * T
+    # 1.5 times the mean deceleration: the stop has a cubic velocity
+    assert stop_s == pytest.approx(1.5 * 1.5 / ROBOT.motion.fault_stop_acceleration_m_s2, rel=0.15)
+    assert motion.largest[1] <= ROBOT.motion.fault_stop_acceleration_m_s2 * (1.0 + SHARE)
+    assert robot.task.disable_cycle < 10**9 or robot.task.enable_cycle > 10**9
+
+
+# robots beyond a limit, heavy and small limits
+
+
+def test_a_robot_beyond_a_limit_can_only_return():
+    outside = np.array([0.61, 0.0, -0.8])
+    robot = Robot(home=outside)
+    motion = robot.run(500, stream(constant(0.3, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
+    assert motion.place[:, 0].max() <= 0.61 + 1e-6
+    back = Robot(home=outside).run(1000, stream(constant(-0.3, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
+    assert back.place[-1, 0] < 0.5
+    assert (np.diff(back.place[:, 0]) <= 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    'limits',
+    [Limits(0.001, 0.1, 1.0), Limits(15.0, 60.0, 1e4), Limits(15.0, 1000.0, 1e5), Limits(2.0, 5.0, 50.0)],
+)
+def test_small_and_large_limits_hold(limits):
+    turning = stream(
+        lambda t: (5.0 * math.cos(3.0 * t), 5.0 * math.sin(3.0 * t), math.cos(7.0 * t)),
+        SetPointKind.VELOCITY,
+        100.0,
+    )
+    assert_within_limits(Robot(limits=limits).run(3000, turning), limits=limits)
+
+
+def test_a_heavy_payload_slows_the_steps_not_the_checks():
+    heavy = ROBOT.replace(dynamics__payload_mass_kg=8.0)
+    limits = Limits(5.0, 200.0, 2e4)
+    turning = stream(
+        lambda t: (4.0 * math.cos(9.0 * t), 4.0 * math.sin(9.0 * t), 0.0), SetPointKind.VELOCITY, 100.0
+    )
+    assert_within_limits(Robot(heavy, limits).run(2000, turning), heavy, limits)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_random_streams_stay_within_all_limits_and_never_end(seed):
+    random = np.random.default_rng(seed)
+    limits = Limits(
+        *(float(10.0 ** random.uniform(low, high)) for low, high in ((-1, 1), (0, 2), (1.5, 4.5)))
+    )
+    kind = SetPointKind.VELOCITY if seed % 2 else SetPointKind.POSITION
+    values = random.normal(0.0, limits.speed_m_s if seed % 2 else 0.03, (200, 3))
+    places = HOME + np.cumsum(values, axis=0)
+
+    def value(time_s: float) -> tuple[float, float, float]:
+        x, y, z = (values if seed % 2 else places)[int(time_s * 20.0) % 200]
+        return float(x), float(y), float(z)
+
+    robot = Robot(limits=limits)
+    motion = robot.run(1500, stream(value, kind, float(random.choice([20.0, 60.0, 400.0])), seed))
+    assert_within_limits(motion, limits=limits)
+    # it can still be steered home
+    home = robot.run(
+        3000,
+        lambda now: [SetPoint(SetPointKind.VELOCITY, now, tuple(10.0 * (HOME - robot.task.state['tcp'][0])))],
+    )
+    assert_within_limits(home, limits=limits)
+
+
+# acceptance
+
+
+def velocity(time_s: float, *values: float, **more: int) -> SetPoint:
+    x, y, z = values or (0.1, 0.0, 0.0)
+    return SetPoint(SetPointKind.VELOCITY, time_s, (x, y, z), **more)
+
+
+@pytest.mark.parametrize(
+    ('point', 'code', 'words'),
+    [
+        (velocity(10.0, math.nan, 0.0, 0.0), Code.CONTENT, 'finite'),
+        (velocity(10.0, 0.0, math.inf, 0.0), Code.CONTENT, 'finite'),
+        (velocity(math.nan), Code.CONTENT, 'finite'),
+        (velocity(10.0 - STALE_S - 1e-6), Code.LATE, 'old'),
+        (velocity(10.0 + AHEAD_S + 1e-6), Code.CONTENT, 'ahead'),
+        (velocity(9.9), Code.LATE, 'newer'),
+        (velocity(9.89), Code.LATE, 'newer'),
+    ],
+)
+def test_wrong_set_points_are_rejected_with_a_sentence(point, code, words):
+    one = SetPointStream()
+    assert one.take(velocity(9.9), 9.95) is None
+    reason = one.take(point, 10.0)
+    assert (reason.code, words in reason.sentence) == (code, True)
+
+
+@pytest.mark.parametrize('time_s', [10.0 - STALE_S, 10.0, 10.0 + AHEAD_S])
+def test_set_points_at_the_bounds_are_accepted(time_s):
+    assert SetPointStream().take(velocity(time_s), 10.0) is None
+
+
+@pytest.mark.parametrize(('step_m', 'accepted'), [(JUMP_M - 1e-9, True), (JUMP_M + 1e-6, False)])
+def test_a_position_that_jumps_is_rejected(step_m, accepted):
+    one = SetPointStream()
+    for n in range(5):
+        assert one.take(SetPoint(SetPointKind.POSITION, 0.02 * n, (0.0, 0.0, -0.8)), 0.02 * n) is None
+    reason = one.take(SetPoint(SetPointKind.POSITION, 0.1, (step_m, 0.0, -0.8)), 0.1)
+    assert (reason is None) == accepted
+
+
+def test_a_rejected_set_point_changes_nothing():
+    smooth = stream(constant(0.2, 0.1, 0.0), SetPointKind.VELOCITY, 100.0)
+    wrong = stream(constant(0.2, 0.1, 0.0), SetPointKind.VELOCITY, 100.0)
+
+    def disturbed(now_s: float) -> list[SetPoint]:
+        bad = [velocity(now_s, math.nan, 0.0, 0.0), velocity(now_s - 1.0), velocity(now_s + 5.0)]
+        return [*bad, *wrong(now_s), *bad]
+
+    robot, other = Robot(), Robot()
+    assert (robot.run(500, smooth).place == other.run(500, disturbed).place).all()
+    assert other.task.servo.rejected == 3000
+
+
+@pytest.mark.parametrize(
+    ('text', 'limits'),
+    [('', USUAL), ('{}', USUAL), ('{"speed_m_s": 0.5}', replace(USUAL, speed_m_s=0.5))],
+)
+def test_limits_of_a_request_replace_the_usual_ones(text, limits):
+    assert limits_of(text, USUAL) == limits
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '[]',
+        '{"speed_m_s": "x"}',
+        '{"speed": 1}',
+        '{"speed_m_s": 0}',
+        '{"jerk_m_s3": 1e9}',
+        'nan',
+        '{"speed_m_s": NaN}',
+    ],
+)
+def test_invalid_limits_of_a_request_are_rejected(text):
+    with pytest.raises(ProgramError):
+        limits_of(text, USUAL)
+
+
+def test_the_limits_of_a_move_are_the_usual_ones():
+    assert checked_limits(USUAL) == Limits(1.5, 15.0, 600.0)
+    endless = ROBOT.replace(motion__jerk_max_m_s3=math.inf)
+    assert default_limits(endless).jerk_m_s3 == 1e5
+
+
+def test_a_robot_that_is_not_steered_has_the_same_commands():
+    assert not Transformation(ROBOT).servo.active
