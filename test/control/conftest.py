@@ -31,6 +31,7 @@ from delta3_pacdrive.control.queue.planning_job import Job, Result, run_job
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
@@ -252,6 +253,9 @@ class Rig:
             self.state.stop(FAILURE)
             self.settle()
             self.run(100)
+        elif motion == 'steered':
+            assert isinstance(self.state.steer(Limits(1.0, 10.0, 500.0)), str)
+            self.settle()
         elif motion != 'idle':
             self.start(LINE)
             self.run(60)

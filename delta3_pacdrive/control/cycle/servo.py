@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.control.cycle.set_points import REST, Goal, SetPoint, SetPointKind, SetPointStream
@@ -24,6 +25,7 @@ from delta3_pacdrive.control.cycle.steering import (
     servo_step,
 )
 from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import HARD_RISE_S
@@ -179,6 +181,11 @@ class Servo(Stage):
         self._stream.clear()
         state = self._state[0]
         state['tracks'], state['planned'] = 0, state['tcp']
+
+    @property
+    def velocity_m_s(self) -> Floats:
+        """Velocity of the last command."""
+        return np.array(self._record['v'][0])
 
     @property
     def steered(self) -> Steered:

@@ -14,8 +14,8 @@ h/|grad h| suffices for a stop, and the component along the limit stays: the rob
 
 Arguments of the kernels here:
 
-``s``, ``servo``
-    A record ``SERVO``, and an array of one, shape (1,).
+``servo``
+    Array of one record ``SERVO``, shape (1,).
 ``task``
     Array of one record ``TASK``, shape (1,).
 ``p``, ``v``, ``a``
@@ -42,7 +42,7 @@ Arguments of the kernels here:
 ``least``
     Least permitted distances ``h``, ``MARGINS`` of them.
 ``length``
-    Maximum length of a vector, in its unit.
+    Number: the maximum length of a vector, in its unit.
 """
 
 import math

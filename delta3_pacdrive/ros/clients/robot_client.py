@@ -43,7 +43,9 @@ ALIVE_S = 0.2
 NAME_MAX = 90
 BUS_RECEIVERS = ('control', 'script')  # receivers that are identified by the bus session
 # action by service name for requests to the transformation task; all others go to the planner
-TASK_ACTIONS = messages.STOPS | {messages.ENABLE: messages.ENABLE, messages.RESET: messages.RESET}
+TASK_ACTIONS = messages.STOPS | {
+    action: action for action in (messages.ENABLE, messages.RESET, messages.STEER, messages.END_STEERING)
+}
 
 
 @dataclass

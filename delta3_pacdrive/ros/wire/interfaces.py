@@ -672,7 +672,7 @@ CLEAR = Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True
 ENABLE = Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True)
 RESET = Service('reset', Trigger, TASK, 'clear faults whose cause has been removed', needs_control=True)
 SERVO = Service(
-    'servo',
+    'servo/enable',
     SetBool,
     TASK,
     'let set points move the robot (needs control), or stop it (does not)',

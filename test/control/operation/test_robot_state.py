@@ -7,6 +7,7 @@ import pytest
 from delta3_pacdrive.control.actions import AccessRequested, Entered
 from delta3_pacdrive.control.motion_state import TRANSITIONS, Event, MotionState
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.robot.sercos.service_channel import Answer, ServiceError, parse_idn
 
 LINE = 'moves: [{move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.2}}]'
@@ -26,7 +27,10 @@ def let_it_happen(rig: Any, event: Event) -> Any:
             return rig.do('hold')[0]
         case Event.ABORT:
             return not isinstance(rig.state.abort(), Reason)
+        case Event.STEER:
+            return isinstance(rig.state.steer(Limits(1.0, 10.0, 500.0)), str)
         case Event.REST | Event.END:
+            rig.state.end_steering()
             rig.run(1000)
         case Event.CLEAR:
             rig.state.abort()
