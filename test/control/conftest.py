@@ -256,6 +256,7 @@ class Rig:
         elif motion == 'steered':
             assert isinstance(self.state.steer(Limits(1.0, 10.0, 500.0)), str)
             self.settle()
+            self.tell()
         elif motion != 'idle':
             self.start(LINE)
             self.run(60)

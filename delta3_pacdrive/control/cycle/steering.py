@@ -34,11 +34,11 @@ Arguments of the kernels here:
 ``duration``
     Duration of a stop [s].
 ``u``
-    Share of the duration of a stop, 0 to 1.
+    Number: share of the duration of a stop, 0 to 1.
 ``wanted``
     Velocity towards the goal [m/s], shape (3,).
 ``share``
-    Share of the limit of acceleration used for the step, or of the distance from a limit.
+    Number, 0 to 1: share of the limits of acceleration and jerk, or of the speed towards a limit.
 ``least``
     Least permitted distances ``h``, ``MARGINS`` of them.
 ``length``

@@ -1,8 +1,8 @@
 """Set points of other programs that steer the robot: velocities and positions of the TCP, with their stamps.
 
-In: ``servo/twist``, ``servo/pose``; only while the robot is steered (service ``servo``). Out: ``servo/state`` (state of
-the steering and newest rejection). A stamp is the time of day, or bus time for senders with ``use_sim_time``. Two
-senders at once steer nothing: the robot stops.
+In: ``servo/twist``, ``servo/pose``; only while the robot is steered (service ``servo/enable``). Out: ``servo/state``
+(state of the steering and newest rejection). A stamp is the time of day, or bus time for senders with
+``use_sim_time``. Two senders at once steer nothing: the robot stops.
 """
 
 import math
@@ -92,7 +92,9 @@ class SetPointReceiver:
         """Take a set point; return why it is rejected, None if it is not."""
         motion, task = self._controller.state.motion, self._controller.task
         if motion is not MotionState.STEERED:
-            return Reason(Code.STATE, f'{motion_sentence(motion)}: the service servo lets set points move it')
+            return Reason(
+                Code.STATE, f'{motion_sentence(motion)}: the service servo/enable lets set points move it'
+            )
         time_s = self._bus_time_s(message.header.stamp.sec, message.header.stamp.nanosec)
         if isinstance(time_s, Reason):
             return time_s
