@@ -35,6 +35,8 @@ Arguments of the kernels here:
     Duration of a stop [s].
 ``u``
     Number: share of the duration of a stop, 0 to 1.
+``forward``
+    Acceleration of the goal [m/s^2], shape (3,).
 ``wanted``
     Velocity towards the goal [m/s], shape (3,).
 ``share``
