@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Self
 
 from delta3_pacdrive.configuration.json_message import JsonMessage, nullable
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.parameters import numbered
 
 NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
 
@@ -98,7 +97,7 @@ class MotionProgress(JsonMessage):
             **{name: float(getattr(self, name)) for name in _NUMBERS},
             'remaining_s': math.nan if self.remaining_s is None else self.remaining_s,
             **dict(zip(('tcp_x_m', 'tcp_y_m', 'tcp_z_m'), self.tcp_m or (math.nan,) * 3, strict=True)),
-            **{numbered('turn_rad', number): angle for number, angle in enumerate(self.turns_rad)},
+            **dict(zip(('turn_rad', 'turn_rad_2'), self.turns_rad, strict=False)),
         }
 
     @property

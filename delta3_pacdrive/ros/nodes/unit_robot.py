@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, Header, String
 
@@ -74,11 +73,10 @@ class NewestCycle:
                 self._newest = max(self._newest, cycle)
         return self._newest
 
-    def stamp(self) -> Time:
+    def stamp(self) -> tuple[int, int]:
         """Return the stamp of that cycle; negative before cyclic operation."""
         cycle = self()
-        sec, nanosec = self._cycles.stamp(cycle) if cycle > 0 else (ACYCLIC_SEC, 0)
-        return Time(sec=sec, nanosec=nanosec)
+        return self._cycles.stamp(cycle) if cycle > 0 else (ACYCLIC_SEC, 0)
 
 
 KIND = 'unit_robot'

@@ -18,7 +18,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import AddDiagnostics
 from std_msgs.msg import String
@@ -54,7 +53,7 @@ class PlannerServices:
         planner: Planner,
         identity: str,
         progress: Callable[[], str],
-        stamp: Callable[[], Time],
+        stamp: Callable[[], tuple[int, int]],
         changed: Callable[[], None],
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
@@ -239,7 +238,7 @@ class PlannerServices:
             self._published_queue = text
             self._queue.publish(String(data=text))
         # without subscribers as well: the topic is latched
-        if text != self._published_values and (stamp := self._stamp()).sec >= 0:
+        if text != self._published_values and (stamp := self._stamp()) >= (0, 0):
             self._published_values = text
             level = DiagnosticStatus.WARN if report.refusal else DiagnosticStatus.OK
             sentence = report.refusal or report.working or counted(moves, 'move')

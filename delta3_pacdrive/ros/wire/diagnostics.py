@@ -3,7 +3,6 @@
 import json
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
@@ -11,14 +10,16 @@ from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS
 from delta3_pacdrive.ros.wire.publishers import Output
 
 
-def diagnostic_array(stamp: Time, status: DiagnosticStatus, facts: dict[str, Any]) -> DiagnosticArray:
+def diagnostic_array(
+    stamp: tuple[int, int], status: DiagnosticStatus, facts: dict[str, Any]
+) -> DiagnosticArray:
     """Return a message with one status and its key-value pairs; values other than text are encoded as JSON."""
     status.values = [
         KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
         for key, value in facts.items()
     ]
     array = DiagnosticArray(status=[status])
-    array.header.stamp = stamp
+    array.header.stamp.sec, array.header.stamp.nanosec = stamp
     return array
 
 
@@ -37,4 +38,4 @@ class Health(Output):
             message=sentence,
             hardware_id=self._hardware_id,
         )
-        self.publish(diagnostic_array(self._node.get_clock().now().to_msg(), status, facts))
+        self.publish(diagnostic_array(self._node.get_clock().now().seconds_nanoseconds(), status, facts))
