@@ -10,6 +10,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.ros.parameters import OWN, PLANT, shows
+from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE
 from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 
 ABOUT = {
@@ -33,6 +34,15 @@ ACTIONS = {
         ),
     )
 }
+OPTIONAL_TOPICS = {
+    'transformation_task': (
+        (
+            CONTROLLER_STATE,
+            'control_msgs/msg/JointTrajectoryControllerState, 100 Hz, with subscribers only',
+            'expected and actual arm angles (published if control_msgs is installed)',
+        ),
+    )
+}
 
 
 def text(kind: str) -> str:
@@ -43,7 +53,10 @@ def text(kind: str) -> str:
         _parameters('parameters of the robot that the node declares', list(_of_robot(kind))),
         'Set them with --ros-args -p NAME:=VALUE or --ros-args --params-file FILE; every node accepts all parameters\n'
         'of the robot. config/delta3.yaml has all of them.',
-        _named('publishes', [_topic(topic) for topic in TOPICS if kind in topic.writers]),
+        _named(
+            'publishes',
+            [*(_topic(topic) for topic in TOPICS if kind in topic.writers), *OPTIONAL_TOPICS.get(kind, ())],
+        ),
         _named('subscribes to', [_topic(topic) for topic in TOPICS if kind in topic.readers]),
         _named('services', [(one.name, one.type_name, one.content) for one in SERVICES if one.node == kind]),
         _named('actions', list(ACTIONS.get(kind, ()))),

@@ -32,6 +32,13 @@ FIELDS = {
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error',
+    'msg/JointTrajectoryControllerState.msg': 'std_msgs/Header header, string[] joint_names, '
+    'trajectory_msgs/JointTrajectoryPoint reference, trajectory_msgs/JointTrajectoryPoint feedback, '
+    'trajectory_msgs/JointTrajectoryPoint error, trajectory_msgs/JointTrajectoryPoint output, '
+    'string[] multi_dof_joint_names, trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_reference, '
+    'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback, '
+    'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error, '
+    'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output, float64 speed_scaling_factor',
     'msg/MotionArgument.msg': 'string name, float64 value',
     'msg/MotionPrimitive.msg': 'int8 UNKNOWN=-1, int8 LINEAR_JOINT=0, int8 LINEAR_CARTESIAN=50, '
     'int8 CIRCULAR_CARTESIAN=51, int8 type -1, float64 blend_radius, MotionArgument[] additional_arguments, '

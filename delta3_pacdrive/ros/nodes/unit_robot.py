@@ -30,7 +30,7 @@ from delta3_pacdrive.ros import parameters as node_parameters
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
-from delta3_pacdrive.ros.planner.motion_action import MotionAction, control_type
+from delta3_pacdrive.ros.planner.motion_action import MotionAction
 from delta3_pacdrive.ros.planner.motion_sequence import MotionSequence
 from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
@@ -38,6 +38,7 @@ from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
 from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tolerances_of
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
+from delta3_pacdrive.ros.wire.control_messages import control_type
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import PollingNode

@@ -8,8 +8,6 @@ if ``control_msgs`` is installed.
 from dataclasses import replace
 from typing import Any
 
-from trajectory_msgs.msg import JointTrajectoryPoint
-
 from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import ERASED, Tolerances, overridden
@@ -20,6 +18,7 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.planner.motion_action import Goal, MotionAction
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire.control_messages import joint_point
 from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
 
 NAME = '~/follow_joint_trajectory'
@@ -103,17 +102,7 @@ class FollowJointTrajectory(MotionAction):
         stamp = feedback.header.stamp
         stamp.sec, stamp.nanosec = self._cycles.stamp(followed.cycle)
         feedback.joint_names = list(DRIVES)
-        feedback.desired = _point(followed.time_s, *followed.due)
-        feedback.actual = _point(followed.time_s, *followed.actual)
-        feedback.error = _point(followed.time_s, *(followed.due[:2] - followed.actual))
+        feedback.desired = joint_point(followed.time_s, *followed.due)
+        feedback.actual = joint_point(followed.time_s, *followed.actual)
+        feedback.error = joint_point(followed.time_s, *(followed.due[:2] - followed.actual))
         running.handle.publish_feedback(feedback)
-
-
-def _point(time_s: float, *rows: Any) -> JointTrajectoryPoint:
-    """Return a point with the given ones of positions, velocities and accelerations."""
-    point = JointTrajectoryPoint()
-    since = point.time_from_start
-    since.sec, since.nanosec = divmod(round(time_s * NANOSECONDS), NANOSECONDS)
-    for field, row in zip(('positions', 'velocities', 'accelerations'), rows, strict=False):
-        setattr(point, field, row.tolist())
-    return point

@@ -34,15 +34,6 @@ STOP_S = 5.0  # for the robot to come to rest after a failed goal
 Answer = Callable[[bool], None]
 
 
-def control_type(name: str) -> Any | None:
-    """Return a type of ``control_msgs``, None if it is not installed or its version lacks the type."""
-    try:
-        from control_msgs import action, msg
-    except ImportError:
-        return None
-    return getattr(action, name, None) or getattr(msg, name, None)
-
-
 def error_code_of(code: Code | Arrival) -> str:
     """Return the name of the error code for the reason of a failure."""
     return ERROR_CODES.get(code, INVALID_GOAL)

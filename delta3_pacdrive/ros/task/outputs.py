@@ -34,7 +34,8 @@ from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, JOINTS, joint_sta
 from delta3_pacdrive.ros.fault_injection import FaultInjection
 from delta3_pacdrive.ros.task.planner_link import PlannerLink
 from delta3_pacdrive.ros.wire import interfaces
-from delta3_pacdrive.ros.wire.publishers import TelegramOutput
+from delta3_pacdrive.ros.wire.control_messages import controller_state, joint_point
+from delta3_pacdrive.ros.wire.publishers import Output, TelegramOutput
 from delta3_pacdrive.scene.joints import tree_joints
 
 JOINT_STATES_S = 0.01  # of bus time
@@ -64,6 +65,35 @@ class JointMotionOutputs:
             self._jacobian.send(before, motion['jacobian'])
 
 
+class ControllerStateOutput:
+    """Publishes the state of the arms as ``control_msgs/JointTrajectoryControllerState``, if that is installed."""
+
+    def __init__(self, node: Node, controller: RobotController, gear_ratio: float) -> None:
+        topic = controller_state()
+        self._output = None if topic is None else Output(node, topic)
+        self._answer, self._axes = controller.task.answer, controller.axes
+        self._task, self._ratio = controller.task, gear_ratio
+
+    def send(self, stamp: tuple[int, int]) -> None:
+        """Publish the state in a cycle if there are subscribers.
+
+        The reference is the actual angle plus the following error.
+        """
+        if self._output is None or not self._output.wanted:
+            return
+        message = self._output.topic.type()
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        message.joint_names = list(DRIVES)
+        angles, errors = self._answer['theta'], self._answer['following_error']
+        message.reference = joint_point(0.0, angles + errors)
+        message.feedback = joint_point(0.0, angles, np.array(self._axes.speeds[:ARMS]) / self._ratio)
+        message.error = joint_point(0.0, errors)
+        if hasattr(message, 'speed_scaling_factor'):  # not in every version
+            profile = self._task.timeline.profile
+            message.speed_scaling_factor = profile.override if profile is not None else 1.0
+        self._output.publish(message)
+
+
 class TaskOutputs:
     """Publishes the results of each cycle (``interfaces.ANSWER_TOPICS``), joint states and the master.
 
@@ -87,6 +117,7 @@ class TaskOutputs:
         turns = zip(interfaces.TURNS, self._rotary, strict=False)
         self._turns = [(TelegramOutput(node, topic), axis) for topic, axis in turns]
         self._ratio = parameters.dynamics.gear_ratio
+        self._controller_state = ControllerStateOutput(node, controller, self._ratio)
         self._tool_ratios = [rotary.gear_ratio for rotary in parameters.rotary_axes]
         self._geometry = geometry(parameters)
         self._rates, self._tree = np.zeros((1, 3)), np.zeros((1, 2, len(JOINTS)))
@@ -116,7 +147,10 @@ class TaskOutputs:
                 output.send(stamp, axis.feedback)
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
-        if self._joint_states.wanted and cycle % self._joint_states_every == 0:
+        if cycle % self._joint_states_every != 0:
+            return
+        self._controller_state.send(stamp)
+        if self._joint_states.wanted:
             # at the joints: arms and tool at the output side of their gears
             torques = self._axes.torques.tolist()
             arms = [torque * self._ratio for torque in torques[:ARMS]]

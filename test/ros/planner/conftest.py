@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import control_msgs_build
-from delta3_pacdrive.ros.planner.motion_action import control_type
+from delta3_pacdrive.ros.wire.control_messages import control_type
 
 BUILD_S = 400.0  # for 50 files on a machine that has other things to do
 
@@ -38,4 +38,4 @@ def control_msgs(control_msgs_site: Path | None) -> Iterator[Any]:
         patch.syspath_prepend(control_msgs_site)
         yield importlib.import_module('control_msgs')
         for name in [name for name in sys.modules if name.partition('.')[0] == 'control_msgs']:
-            patch.delitem(sys.modules, name)
+            del sys.modules[name]

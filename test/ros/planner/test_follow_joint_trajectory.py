@@ -22,11 +22,13 @@ from delta3_pacdrive.control.actions import Arrival
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import Code, ProgramError
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import trajectory_request
-from delta3_pacdrive.ros.planner.motion_action import control_type, error_code_of
+from delta3_pacdrive.ros.planner.motion_action import error_code_of
+from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE, control_type
 from delta3_pacdrive.ros.wire.qos import REQUEST
-from trajectories import AXES, HALF_INCREMENT, Cell, message, still
+from trajectories import AXES, HALF_INCREMENT, HOME, Cell, message, still
 
 ACTION = 'unit_robot/follow_joint_trajectory'
+FOLLOWING_RAD = 5e-3  # largest following error of this motion
 OURS = Tolerances(path_rad=(0.1, 0.2, 0.3), goal_rad=(0.01, 0.02, 0.03), goal_time_s=0.5, stopped_rad_s=0.04)
 
 
@@ -216,6 +218,24 @@ def test_client_drives_the_arms_and_receives_progress_and_result(driver: Driver)
     # the next goal begins where this one has ended, and has no tolerances at all
     assert driver.drive(message((0.8, still(0.0)))) == SUCCEEDED
     assert cell.missed(0.0) <= 1.01 * 2.0 * HALF_INCREMENT
+
+
+def test_the_state_of_the_controller_contains_expected_and_actual_angles(driver: Driver) -> None:
+    kind = importlib.import_module('control_msgs.msg').JointTrajectoryControllerState
+    states = driver.graph.listen(kind, CONTROLLER_STATE, REQUEST)
+    driver.graph.spin_until(lambda: states, 'a state at rest')
+    assert driver.drive(message((1.0, still(0.2)))) == SUCCEEDED
+    known = len(states)
+    driver.graph.spin_until(lambda: len(states) > known + 2, 'a state at the end')
+    for state in states:
+        reference, actual = np.array(state.reference.positions), np.array(state.feedback.positions)
+        assert (state.joint_names, state.speed_scaling_factor) == (AXES, 1.0)
+        assert np.array(state.error.positions) == pytest.approx(reference - actual, abs=1e-12)
+        assert np.abs(reference - actual).max() < FOLLOWING_RAD
+    stamps = [(state.header.stamp.sec, state.header.stamp.nanosec) for state in states]
+    assert stamps == sorted(set(stamps))
+    assert max(np.abs(state.feedback.velocities).max() for state in states) > 0.1
+    assert states[-1].feedback.positions.tolist() == pytest.approx((HOME + 0.2).tolist(), abs=1e-4)
 
 
 def test_an_invalid_goal_is_rejected_and_its_reason_published(driver: Driver) -> None:

@@ -20,6 +20,7 @@ from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.wire import discovery, qos
+from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE
 from delta3_pacdrive.ros.wire.interfaces import (
     ANSWER_TOPICS,
     CLOCK,
@@ -126,8 +127,8 @@ def endpoints(robot: Any, whose: str) -> Iterator[tuple[str, str, Any]]:
     """Yield (node, relative name, information) of all publishers or subscriptions of the robot."""
     listener: Node = robot.listener
     for name, _ in listener.get_topic_names_and_types():
-        # where control_msgs is installed there is an action, which is made of topics
-        if name in OF_EVERY_NODE or '/_action/' in name:
+        # where control_msgs is installed there are actions, which are made of topics, and an additional topic
+        if name in OF_EVERY_NODE or '/_action/' in name or name == f'/{CONTROLLER_STATE}':
             continue
         for info in getattr(listener, f'get_{whose}_info_by_topic')(name):
             if info.node_name != 'listener':
@@ -156,7 +157,7 @@ def test_writers_queue_the_number_of_messages_of_the_table(robot: Any) -> None:
     for node in robot.nodes:
         for publisher in node.publishers:
             name = publisher.topic_name
-            if node is not robot.listener and name not in OF_EVERY_NODE:
+            if node is not robot.listener and name not in (*OF_EVERY_NODE, CONTROLLER_STATE):
                 wanted = BY_NAME[name if name in BY_NAME else name.lstrip('/')].delivery.publisher
                 assert publisher.qos_profile.history == wanted.history, name
                 assert publisher.qos_profile.depth == wanted.depth, name
