@@ -16,7 +16,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.ros.wire import discovery, domain
+from delta3_pacdrive.ros.wire import discovery, domain, frames
 
 PACKAGE = 'delta3_pacdrive'
 CHOICE = ['true', 'false']
@@ -26,6 +26,11 @@ ARGUMENTS = [
         'parameters',
         default_value='',
         description='parameter file or packaged name, as for delta3 up --parameters; empty: the default of delta3 up',
+    ),
+    DeclareLaunchArgument(
+        'frame_prefix',
+        default_value='',
+        description='text before the frame base and the links of the robot, such as robot1/',
     ),
     DeclareLaunchArgument('rviz', default_value='false', choices=CHOICE, description='also start RViz'),
     DeclareLaunchArgument(
@@ -51,16 +56,18 @@ def generate_launch_description() -> LaunchDescription:
 
 def _nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the values of the arguments; raises Delta3Error for a wrong value."""
-    namespace, given, rviz, sim_time = (
+    namespace, given, prefix, rviz, sim_time = (
         LaunchConfiguration(argument.name).perform(context) for argument in ARGUMENTS
     )
     domain.namespace(namespace)
+    frames.checked_prefix(prefix)
     robot = parameters.load(parameters.of_run(given or None))
     discovery.keep_to_this_machine()  # in the environment of all processes started here, RViz included
     folder = Path(tempfile.mkdtemp(prefix='delta3-launch-'))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     values = str(parameters.write(robot, folder / 'robot.yaml'))
     clock = {'use_sim_time': sim_time == 'true'}
+    common = clock | ({frames.PREFIX: prefix} if prefix else {})
 
     def node(executable: str, name: str = '', **own: int) -> Node:
         return Node(
@@ -68,7 +75,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             executable=executable,
             name=name or executable,
             namespace=namespace.rstrip('/'),
-            parameters=[values, clock | own],
+            parameters=[values, common | own],
             **RESPAWN,
         )
 
@@ -86,7 +93,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             executable='rviz2',
             name='rviz2',
             namespace=namespace.rstrip('/'),
-            arguments=['-d', str(layout)],
+            arguments=['-d', str(layout), '-f', f'{prefix}base'],
             parameters=[clock],
             remappings=[(f'/{topic}', topic) for topic in SHOWN_TOPICS],
         )

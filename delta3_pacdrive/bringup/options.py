@@ -16,7 +16,7 @@ from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program.output_names import OWN
 from delta3_pacdrive.robot.plant.decoupled import require_stable
-from delta3_pacdrive.ros.wire import domain
+from delta3_pacdrive.ros.wire import domain, frames
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class Options:
     cell: Path | None = None  # cell file
     shared_clock: str = ''  # bus clock shared with other robots; empty: a separate one
     clock_member: int = 0  # number of the robot on that clock
+    frame_prefix: str = ''  # of the frames of all messages and links
     patience_s: float = 30.0  # timeout for cyclic operation
     view: ManagedProcess | None = None  # the page, as started by ``page.started``
 
@@ -55,6 +56,7 @@ def check_options(
     if robot.motion.enable_cycle < 0 or robot.motion.start_cycle < 0:
         raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
     domain.namespace(options.namespace)
+    frames.checked_prefix(options.frame_prefix)
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
     outputs = OWN

@@ -29,7 +29,7 @@ from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import overrides
-from delta3_pacdrive.ros.wire import discovery, preload
+from delta3_pacdrive.ros.wire import discovery, frames, preload
 from delta3_pacdrive.ros.wire.interfaces import VISUALIZATION
 
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # maximum number of restarts within a time
@@ -109,6 +109,8 @@ class RobotProcesses:
         self._permitted = paced and scheduling.real_time_is_permitted()
         if paced and not self._permitted:
             self.notes.append(NOT_PERMITTED)
+        # of every node
+        self._common = {frames.PREFIX: options.frame_prefix} if options.frame_prefix else {}
         self._crowded = options.crowded if self._permitted else ''
         self._in_real_time = False
         self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
@@ -199,7 +201,7 @@ class RobotProcesses:
             partial(
                 node,
                 namespace=self._options.namespace,
-                parameter_overrides=overrides(self._robot, values),
+                parameter_overrides=overrides(self._robot, values | self._common),
                 cli_args=['--ros-args', '-r', f'__node:={own}'],
             )
             for own, (node, values) in nodes.items()
@@ -222,6 +224,8 @@ class RobotProcesses:
         """Store how each process is restarted: separately, with the same parameters."""
         common = ['--ros-args', '--params-file', str(core.write(self._robot, self._logs / 'robot.yaml'))]
         common += ['-r', f'__ns:=/{self._options.namespace.strip("/")}']
+        for key, text in self._common.items():
+            common += ['-p', f"{key}:='{text}'"]  # quoted: a text such as yes would be read as a boolean
         for name, (node, values) in nodes.items():
             arguments = [*common, '-r', f'__node:={name}']
             for key, value in values.items():

@@ -69,7 +69,7 @@ def _model(options: Options) -> Output:
     from delta3_pacdrive.studies.framework.provenance import write_text
 
     robot = parameters.load(options.parameters)
-    text = {'urdf': urdf, 'mjcf': mjcf}[options.format](robot)
+    text = urdf(robot) if options.format == 'urdf' else mjcf(robot)
     if options.output is None:
         return Output(text=[text.removesuffix('\n')])
     write_text(text, Path(options.output))

@@ -148,6 +148,7 @@ def asked_for(options: GraphOptions, program: str | None = None, script: bool = 
         joint_motion=options.joint_motion,
         learned=Path(options.learned).absolute() if options.learned else None,
         script=script,
+        frame_prefix=getattr(options, 'frame_prefix', None) or '',
         first=getattr(options, 'first', 0),
         cell=cell_file.find(options.cell).absolute() if options.cell else None,
     )

@@ -25,6 +25,11 @@ class Options(GraphOptions):
         'N',
         type=integer_within(1, ROBOTS_MAX),
     )
+    frame_prefix: str | None = option(
+        'text before the frame base and the links of the robot, such as robot1/, for several robots in one tf tree; '
+        'with --robots the number of each robot and / follow it: robot becomes robot1/, robot2/ ...',
+        'PREFIX',
+    )
     shared_clock: bool = flag(
         'with --robots: one bus clock for all robots, so that bus cycles with the same number start at the same time; '
         'a slow robot delays all others'

@@ -1,17 +1,22 @@
 """``delta3 up --robots N``: run several robots under one supervisor, with a table of their states."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run import GraphOptions, asked_for, lacking
 from delta3_pacdrive.errors import RunError
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.bringup.options import Options as BringupOptions
 
 HEADINGS = ('robot', 'phase', 'state', 'bus time', 'overruns', 'lost AT')
 ALIGNED = ('left', 'left', 'left', 'right', 'right', 'right')
@@ -54,7 +59,7 @@ class _Display:
         self._printed: set[str] = set()
         self._all_up = False
 
-    def __enter__(self) -> '_Display':
+    def __enter__(self) -> _Display:
         if self._live is not None:
             self._live.start()
         return self
@@ -112,7 +117,7 @@ def _rich_table(robots: Sequence[Any]) -> Any:
 def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
     """Start robots and keep them running until Ctrl-C or until all have ended; return the result."""
     started_s = time.monotonic()
-    from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
+    from delta3_pacdrive.bringup.environment import namespaces, only_one
 
     names = namespaces(count, options.namespace)
     with ExitStack() as held:  # report robots that are already running before slow imports
@@ -126,11 +131,30 @@ def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
     announce_compilation(options.parameters)
     logs = Path(options.logs).absolute() if options.logs else None
     bags = _folder_of_bags(asked.bag)
-    each = [replace(asked, namespace=name, logs=logs, bag=bags and bag_of(bags, name)) for name in names]
+    each = options_of_each(replace(asked, logs=logs, bag=bags), names)
     supervisor = robots.Robots(each, page, options.view_port, started_s, shared_clock)
     with _Display(options.json) as display:
         supervisor.run(display.show, display.print)
     return _output(options, supervisor.now, bags, supervisor.crowded)
+
+
+def options_of_each(common: BringupOptions, names: Sequence[str]) -> list[BringupOptions]:
+    """Return the options of each robot, by namespace; ``common`` has the folder of all bags.
+
+    A prefix of frames is followed by the number of the robot and a slash.
+    """
+    from delta3_pacdrive.bringup.environment import bag_of
+
+    prefix, bags = common.frame_prefix, common.bag
+    return [
+        replace(
+            common,
+            namespace=name,
+            frame_prefix=prefix and f'{prefix}{number}/',
+            bag=bags and bag_of(bags, name),
+        )
+        for number, name in enumerate(names, 1)
+    ]
 
 
 def _folder_of_bags(folder: Path | None) -> Path | None:

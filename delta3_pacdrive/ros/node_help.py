@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.ros.parameters import OWN, PLANT, shows
+from delta3_pacdrive.ros.parameters import OF_ALL, OWN, shows
 from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE
 from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 
@@ -49,7 +49,7 @@ def text(kind: str) -> str:
     """Return the help of the node of one kind."""
     paragraphs = [
         f'usage: ros2 run delta3_pacdrive {kind} [--ros-args ...]\n\n{ABOUT[kind]}',
-        _parameters('parameters of the node', [_own(own) for own in (*OWN[kind], PLANT)]),
+        _parameters('parameters of the node', [_own(own) for own in (*OWN[kind], *OF_ALL)]),
         _parameters('parameters of the robot that the node declares', list(_of_robot(kind))),
         'Set them with --ros-args -p NAME:=VALUE or --ros-args --params-file FILE; every node accepts all parameters\n'
         'of the robot. config/delta3.yaml has all of them.',

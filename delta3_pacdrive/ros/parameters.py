@@ -11,9 +11,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.planning.paths.move import MOVES_MAX
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.ros.wire import frames
 
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {
@@ -72,6 +73,10 @@ class Own(NamedTuple):
 
 
 PLANT = Own('plant', '', 'plain or rich, instead of rich.enabled')
+FRAME_PREFIX = Own(
+    frames.PREFIX, '', 'prefix of the frame base and of the links of the robot, the same for all its nodes'
+)
+OF_ALL = (PLANT, FRAME_PREFIX)  # parameters of every node in addition to its own
 _ERROR_MAX_RAD = 1.0
 OWN: dict[str, tuple[Own, ...]] = {
     'unit_robot': (
@@ -169,8 +174,13 @@ def declare_robot(
     """
     defaults = core.flatten(core.load(), absent=True)
     name = node.get_fully_qualified_name()
-    if plant := _declare_all(node, [PLANT.entry])[0]:
+    plant, prefix = _declare_all(node, [own.entry for own in OF_ALL])
+    if plant:
         defaults['rich.enabled'] = core.is_rich(plant, name)
+    try:
+        frames.checked_prefix(prefix)
+    except RunError as error:
+        raise ParameterError(f'{name}: {error}') from None
     entries = []
     for group, cls in core.groups().items():
         for f in dataclasses.fields(cls):

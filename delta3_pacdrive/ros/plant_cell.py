@@ -31,10 +31,10 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.plant.bus_plant import BusPlant
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.task.belt_receiver import parts_of
-from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire import cdr, frames
 from delta3_pacdrive.ros.wire.interfaces import (
     BELTS,
     INPUT,
@@ -74,7 +74,7 @@ class PlantCell:
         names = [belt.name for belt in self._axes]
         self._belts_codec = cdr.codec(telegrams.belts(names or ('',)))
         self._publish_belts = cdr.raw_publish(BELTS.publisher(node))
-        self._seen = Output(node, SEEN)
+        self._seen, self._base = Output(node, SEEN), frames.base_of(node)
         self._parts, self._scene = PARTS.publisher(node), SCENE.publisher(node)
         self._scene.publish(String(data=json.dumps(self._world.scene)))
 
@@ -133,7 +133,7 @@ class PlantCell:
             if not reading.sighted:
                 continue
             message = PoseArray()
-            message.header.frame_id = BASE_FRAME.decode()
+            message.header.frame_id = self._base
             stamp = self._clock.stamp(self._world.picture_cycle(belt.name))
             message.header.stamp.sec, message.header.stamp.nanosec = stamp
             for part in reading.sighted:

@@ -1,6 +1,6 @@
 """RViz and Foxglove markers of the robot: its parts, workspace, paths, commanded TCP and TCP error.
 
-All markers are in the frame ``base``, so neither transforms nor a robot model are required.
+All markers are in the frame of the base, which the node enters: neither transforms nor a robot model are required.
 """
 
 import math
@@ -16,7 +16,6 @@ from visualization_msgs.msg import Marker
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME
 from delta3_pacdrive.scene.parts import TURNING_NAMES, Colour, Part, parts
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
@@ -148,10 +147,9 @@ def _line(name: str, points: list[Point], colour: Colour, width_m: float) -> Mar
 
 
 def marker_of(name: str, number: int, kind: int, colour: Colour) -> Marker:
-    """Return a marker in the frame ``base``."""
+    """Return a marker, without frame."""
     red, green, blue, opacity = colour
     marker = Marker(ns=name, id=number, type=kind, color=ColorRGBA(r=red, g=green, b=blue, a=opacity))
-    marker.header.frame_id = BASE_FRAME.decode()  # with stamp 0 the newest transform applies
     marker.pose.orientation.w = 1.0
     return marker
 

@@ -24,11 +24,12 @@ from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+LINK_NAMES = {'link': 'name', 'parent': 'link', 'child': 'link'}  # elements with their attribute
 _PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF requires limits of passive joints, too
 
 
-def urdf(parameters: Parameters) -> str:
-    """Return the robot with its payload as URDF.
+def urdf(parameters: Parameters, prefix: str = '') -> str:
+    """Return the robot with its payload as URDF; the names of all links begin with ``prefix``.
 
     Links are the parts of ``parts.names_of`` except workspace and bar, and the frames in which rods and plate meet;
     masses are those of the dynamics (``masses``), without the rotors.
@@ -65,6 +66,9 @@ def urdf(parameters: Parameters) -> str:
     if 'payload' in writer.parts:
         writer.fixed('payload', 'tool', (0.0, 0.0, 0.0))
     ET.indent(robot)
+    for element in robot.iter():
+        if key := LINK_NAMES.get(element.tag):
+            element.set(key, prefix + element.attrib[key])
     return ET.tostring(robot, encoding='unicode', xml_declaration=True) + '\n'
 
 

@@ -6,9 +6,22 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bringup.options import Options, check_options
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import ProgramError, RunError
 
 TURNS = 'start_turn_deg: 30\nmoves: [{turn: {to_deg: 90}}]\n'
+
+
+@pytest.mark.parametrize(
+    ('prefix', 'reason'),
+    [
+        ('/cell/', 'begins with a letter or _'),
+        ('a b', 'consists of letters'),
+        ('a' * 101, 'the limit is 100'),
+    ],
+)
+def test_prefix_of_frames_that_tf_rejects_is_rejected_before_the_start(prefix, reason):
+    with pytest.raises(RunError, match=reason):
+        check_options(Options(None, frame_prefix=prefix))
 
 
 def test_tool_is_at_the_start_of_its_program(robot, tmp_path):

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.cli import up
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.cli.up_robots import result_lines, text_table
+from delta3_pacdrive.cli.up_robots import options_of_each, result_lines, text_table
 
 
 class Robot:
@@ -64,6 +65,15 @@ def test_options_for_a_single_robot_are_rejected_with_several(arguments, sentenc
         up.main(arguments)
     assert end.value.code == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('prefix', 'expected'), [('', ['', '']), ('robot', ['robot1/', 'robot2/'])])
+def test_each_robot_has_its_namespace_bag_and_frames(prefix, expected):
+    common = Options(None, frame_prefix=prefix, bag=Path('bags'))
+    each = options_of_each(common, ['/hall/robot1', '/hall/robot2'])
+    assert [one.frame_prefix for one in each] == expected
+    assert [one.namespace for one in each] == ['/hall/robot1', '/hall/robot2']
+    assert [one.bag for one in each] == [Path('bags/robot1'), Path('bags/robot2')]
 
 
 def test_missing_data_of_a_recording_are_reported_with_the_robot():

@@ -72,8 +72,9 @@ def test_rviz_shows_the_topics_of_the_layout_in_the_namespace() -> None:
     assert (rviz.package, rviz.executable, rviz.namespace) == ('rviz2', 'rviz2', '/cell2')
     assert not rviz.respawn  # a user who closes it does not want it
     assert rviz.parameters == [{'use_sim_time': True}]
-    option, layout = rviz.arguments
+    option, layout, *fixed_frame = rviz.arguments
     assert option == '-d'
+    assert fixed_frame == ['-f', 'base']
     shown = {
         value['Value']
         for display in yaml.safe_load(Path(layout).read_text())['Visualization Manager']['Displays']
@@ -82,6 +83,13 @@ def test_rviz_shows_the_topics_of_the_layout_in_the_namespace() -> None:
     }
     assert shown == {one for one, _ in rviz.remappings}
     assert {other for _, other in rviz.remappings} <= {topic.name for topic in TOPICS}
+
+
+def test_all_nodes_and_rviz_receive_the_prefix_of_frames() -> None:
+    nodes = launched(frame_prefix='cell2/', rviz='true')
+    rviz = nodes.pop('rviz2')
+    assert {node.parameters[1]['frame_prefix'] for node in nodes.values()} == {'cell2/'}
+    assert rviz.arguments[2:] == ['-f', 'cell2/base']
 
 
 def test_processes_are_visible_on_this_machine_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,6 +104,7 @@ def test_processes_are_visible_on_this_machine_only(monkeypatch: pytest.MonkeyPa
     [
         ({'parameters': 'rotray'}, ParameterError, 'rotray'),
         ({'namespace': '2cells'}, RunError, "namespace '2cells' is not valid"),
+        ({'frame_prefix': '/cell2/'}, RunError, "frame_prefix '/cell2/' is not valid"),
         ({'rviz': 'maybe'}, ValueError, 'rviz'),
     ],
 )

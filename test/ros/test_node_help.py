@@ -15,7 +15,7 @@ from rclpy.validate_namespace import validate_namespace
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.parameters import flatten, load
 from delta3_pacdrive.ros import node_help, node_process
-from delta3_pacdrive.ros.parameters import OWN, shows
+from delta3_pacdrive.ros.parameters import OF_ALL, OWN, shows
 from delta3_pacdrive.ros.wire import domain
 from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 
@@ -29,9 +29,9 @@ def test_the_help_of_a_node_has_every_parameter_topic_and_service(kind: str) -> 
     listed = [
         line.strip().partition(' (')[0] for line in node_help.text(kind).splitlines() if line[:3] != '   '
     ]
-    expected = (
-        {own.name for own in OWN[kind]} | {'plant'} | {name for name in flatten(load()) if shows(kind, name)}
-    )
+    expected = {own.name for own in (*OWN[kind], *OF_ALL)} | {
+        name for name in flatten(load()) if shows(kind, name)
+    }
     expected |= {topic.name for topic in TOPICS if kind in (*topic.writers, *topic.readers)}
     expected |= {service.name for service in SERVICES if service.node == kind}
     assert expected <= set(listed)

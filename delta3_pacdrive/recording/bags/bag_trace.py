@@ -234,10 +234,7 @@ class _Column:
 
     def __init__(self, layouts: Sequence[Telegram], typestore: Typestore) -> None:
         self._words: list[NDArray[np.int64]] = []
-        self._codecs = {
-            telegram: TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
-            for telegram in layouts
-        }
+        self._codecs = {one: TelegramCodec(one, partial(_parse, typestore, one.type)) for one in layouts}
         self._batch: list[bytes] = []
         self._tables: list[Table] = []
         self.refused = 0
@@ -283,6 +280,8 @@ class _Column:
             telegram = max(fitting, key=fitting.__getitem__)
             self._codecs = {telegram: self._codecs[telegram]}
         codec = self._codecs[self.telegram]
+        if self._batch and not self._tables:  # the robot may have a prefix of frames
+            codec = self._codecs[self.telegram] = codec.with_prefix_of(self._batch[0])
         sec, nanosec, frames, values, others = codec.decode_all(self._batch)
         self._batch = []
         self._append(sec, nanosec, frames, values)

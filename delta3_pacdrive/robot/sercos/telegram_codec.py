@@ -7,6 +7,7 @@ ordinary messages. Messages with another layout (any client may publish) are par
 
 import struct
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.robot.sercos.telegrams import Telegram
+from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, Telegram
 
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 IMPOSSIBLE = 1e6  # rad, rad/s, N m: beyond any physical value
@@ -126,6 +127,18 @@ class TelegramCodec:
         ]
         names, formats, starts = (list(column) for column in zip(*fields, strict=True))
         self._row = np.dtype({'names': names, 'formats': formats, 'offsets': starts, 'itemsize': len(blank)})
+
+    def with_prefix_of(self, data: bytes) -> 'TelegramCodec':
+        """Return the codec for messages in the frame of this one, if that is ``base`` with a prefix; else this codec.
+
+        This codec decodes them as well, but slowly.
+        """
+        with suppress(TelegramError):
+            frame = read_header(data)[2].encode()
+            if frame.endswith(BASE_FRAME) and len(frame) != self._telegram.frame_length:
+                telegram = self._telegram._replace(frame_length=len(frame))
+                return TelegramCodec(telegram, self._parse, self._limit)
+        return self
 
     def encode(self, stamp: tuple[int, int], frame: bytes, values: Sequence[float]) -> bytes:
         """Return the message as CDR; ``frame`` must have the frame length of the telegram."""

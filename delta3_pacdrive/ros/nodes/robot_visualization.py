@@ -34,7 +34,7 @@ from delta3_pacdrive.ros.clients.cell_reader import CellReader
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
-from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire import cdr, frames
 from delta3_pacdrive.ros.wire.interfaces import (
     CLOCK,
     JOINT_STATES,
@@ -116,7 +116,7 @@ class _OptionalInput:
         telegram: Telegram | None = None,
     ) -> None:
         self._node, self._topic, self._profile = node, topic, profile
-        self._codec = cdr.codec(telegram or topic.telegrams[0])
+        self._codec = cdr.codec(frames.in_frame(telegram or topic.telegrams[0], frames.base_of(node)))
         self._take: Callable[[], Any] | None = None
 
     def listen(self, wanted: bool) -> None:
@@ -147,6 +147,7 @@ class RobotVisualizationNode(PollingNode):
         super().__init__(KIND, **node_options)
         magnification = declare_own(self, KIND)['error_magnification']
         self._robot = declare_robot(self, KIND)
+        self._base = frames.base_of(self)
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
@@ -216,7 +217,12 @@ class RobotVisualizationNode(PollingNode):
             if np.isfinite(self._places['command']).all():
                 markers += self._markers.error(self._tcp, self._places['command'], self._places['error'])
         if markers:
-            self._output.publish(MarkerArray(markers=markers))
+            self._publish(markers)
+
+    def _publish(self, markers: list[Marker]) -> None:
+        for marker in markers:
+            marker.header.frame_id = self._base  # with stamp 0 the newest transform applies
+        self._output.publish(MarkerArray(markers=markers))
 
     def _around(self, cell: CellReader) -> list[Marker]:
         """Return the markers of the cell that are due."""
@@ -243,7 +249,7 @@ class RobotVisualizationNode(PollingNode):
     def _on_outputs(self, message: JointState) -> None:
         carried = dict(zip(message.name, message.position, strict=False)).get('payload_kg', -1.0)
         if 0.0 <= carried <= PAYLOAD_MAX_KG and (gone := self._markers.carry(carried)):
-            self._output.publish(MarkerArray(markers=gone))
+            self._publish(gone)
 
 
 def main() -> int:

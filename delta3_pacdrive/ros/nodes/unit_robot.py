@@ -24,7 +24,7 @@ from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.output_names import OWN
 from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, NEVER, Clock
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros import parameters as node_parameters
 from delta3_pacdrive.ros.fault_injection import Faults
@@ -36,7 +36,7 @@ from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
 from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tolerances_of
-from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
 from delta3_pacdrive.ros.wire.control_messages import control_type
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
@@ -57,7 +57,8 @@ class NewestCycle:
     def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
         self._cycles, self._known = cycles, known
         self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=NEWEST)
-        self._reader = JointStatesReader()
+        base = frames.base_of(node)
+        self._frame, self._reader = base.encode(), JointStatesReader(base)
         self._newest = 0
 
     def __call__(self) -> int:
@@ -69,7 +70,7 @@ class NewestCycle:
                 states = self._reader.read(taken[0])
             except TelegramError:
                 continue  # joints of another robot on the same topic
-            cycle = self._cycles.count(states.sec, states.nanosec) if states.frame == BASE_FRAME else -1
+            cycle = self._cycles.count(states.sec, states.nanosec) if states.frame == self._frame else -1
             if cycle < known + AHEAD_MAX:
                 self._newest = max(self._newest, cycle)
         return self._newest
@@ -136,7 +137,7 @@ class UnitRobotNode(PollingNode):
         self.add_post_set_parameters_callback(self._on_parameters)
         self._beats = self._looks = 0
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
-        self._description.publish(String(data=urdf(robot)))
+        self._description.publish(String(data=urdf(robot, frames.prefix_of(self))))
         self._participant.announce(NO_SESSION)
         self._beat()
         self._operators.publish_queue()

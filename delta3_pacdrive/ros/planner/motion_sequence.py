@@ -12,6 +12,7 @@ from delta3_pacdrive.parameters import Kinematics
 from delta3_pacdrive.ros.planner.motion_action import Goal, MotionAction
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire import frames
 from delta3_pacdrive.ros.wire.motion_primitives import sequence_program
 
 INDEX_MAX = 255  # the field of the feedback has 8 bits
@@ -31,12 +32,12 @@ class MotionSequence(MotionAction):
         lengths: Kinematics,
     ) -> None:
         super().__init__(node, action, planner, operators)
-        self._lengths = lengths
+        self._lengths, self._base = lengths, frames.base_of(node)
         self._reported = ('', -1)  # request and index of the newest feedback
 
     def _request(self, goal: Any) -> Request:
         start_m = self._planner.require_idle('a sequence')
-        text = sequence_program(goal.trajectory.motions, start_m, self._lengths)
+        text = sequence_program(goal.trajectory.motions, start_m, self._lengths, self._base)
         return self._operators.request('move', text)
 
     def _publish_feedback(self, running: Goal) -> None:

@@ -31,7 +31,7 @@ from delta3_pacdrive.control.queue.request_tracker import Phase
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.ros.deferred_service import Respond
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.ros.wire import interfaces, move_messages
+from delta3_pacdrive.ros.wire import frames, interfaces, move_messages
 from delta3_pacdrive.ros.wire.diagnostics import diagnostic_array
 from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.wire.publishers import Output
@@ -57,6 +57,7 @@ class PlannerServices:
         changed: Callable[[], None],
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
+        self._base = frames.base_of(node)
         self._progress, self._stamp, self._changed = progress, stamp, changed
         # by the identity of the request: request, callback of its reply, and the received request to reply to by topic
         self._pending: dict[int, tuple[Request, Respond | None, Request | None]] = {}
@@ -144,8 +145,10 @@ class PlannerServices:
         else:
             self.pass_on(asked, answer)
 
-    def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
-        return lambda message: self._ask_openly('program', json.dumps({'moves': [statement(message)]}))
+    def _enqueue(self, statement: Callable[[Any, str], move_messages.Statement]) -> Callable[[Any], None]:
+        return lambda message: self._ask_openly(
+            'program', json.dumps({'moves': [statement(message, self._base)]})
+        )
 
     def _on_request(self, request: Request) -> None:
         own = request

@@ -9,10 +9,9 @@ from rclpy.qos import QoSProfile
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
-from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 from delta3_pacdrive.ros.wire.polling import PollingNode
 from delta3_pacdrive.ros.wire.qos import NEWEST
@@ -36,7 +35,8 @@ class ToleranceMonitor:
 
     def __init__(self, node: PollingNode, listens: bool, cycles: Clock, planner: Planner) -> None:
         self._node, self._cycles, self._planner = node, cycles, planner
-        self._reader = JointStatesReader()
+        base = frames.base_of(node)
+        self._frame, self._reader = base.encode(), JointStatesReader(base)
         self._take: Any = None
         if listens:
             self._listen()
@@ -53,6 +53,6 @@ class ToleranceMonitor:
                 joints = self._reader.read(taken[0])
             except TelegramError:
                 continue  # joints of another robot on the same topic
-            if joints.frame == telegrams.BASE_FRAME and joints.sec >= 0:
+            if joints.frame == self._frame and joints.sec >= 0:
                 cycle = self._cycles.count(joints.sec, joints.nanosec)
                 self._planner.trajectory.observe(cycle, np.array(joints.angles), np.array(joints.speeds))

@@ -30,10 +30,10 @@ from delta3_pacdrive.planning.paths.move import OUTPUTS
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import Answer, ServiceError
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, JOINTS, joint_states
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS, joint_states
 from delta3_pacdrive.ros.fault_injection import FaultInjection
 from delta3_pacdrive.ros.task.planner_link import PlannerLink
-from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.control_messages import controller_state, joint_point
 from delta3_pacdrive.ros.wire.publishers import Output, TelegramOutput
 from delta3_pacdrive.scene.joints import tree_joints
@@ -184,6 +184,7 @@ class RobotOutputs:
     ) -> None:
         self._log, self._cycles, self._planner = node.get_logger(), cycles, planner
         self._state, self._task, self._drives = controller.state, controller.task, controller.services
+        self._base = frames.base_of(node)
         self._states = interfaces.MOTION_STATE.publisher(node)
         self._located = interfaces.LOCATED.publisher(node)
         self._outputs = interfaces.OUTPUTS.publisher(node)
@@ -213,7 +214,7 @@ class RobotOutputs:
 
     def _publish_position(self, action: Located) -> None:
         message = PointStamped()
-        message.header.frame_id = BASE_FRAME.decode()
+        message.header.frame_id = self._base
         message.header.stamp.sec, message.header.stamp.nanosec = self._cycles.stamp(action.cycle)
         message.point.x, message.point.y, message.point.z = (float(value) for value in action.tcp_m)
         self._located.publish(message)

@@ -20,8 +20,7 @@ from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import Code, Reason, shown
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME
-from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.interfaces import Topic
 from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
 
@@ -42,6 +41,7 @@ class SetPointReceiver:
     ) -> None:
         self._node, self._controller = node, controller
         self._period_s, self._cycle_time_s = period_s, cycle_time_s
+        self._prefix, self._base = frames.prefix_of(node), frames.base_of(node)
         self._state = interfaces.SERVO_STATE.publisher(node)
         self._published: tuple[Any, ...] = ()
         self._newest: dict[str, tuple[int, float]] = {}  # by topic: number of the message, and bus time [s]
@@ -99,9 +99,9 @@ class SetPointReceiver:
         if isinstance(time_s, Reason):
             return time_s
         frame = message.header.frame_id
-        names = [belt.name for belt in task.tracking.belts]
-        if frame not in ('', BASE_FRAME.decode(), *(names if kind is SetPointKind.VELOCITY else ())):
-            known = ', '.join([BASE_FRAME.decode(), *names])
+        names = [self._prefix + belt.name for belt in task.tracking.belts]
+        if frame not in ('', self._base, *(names if kind is SetPointKind.VELOCITY else ())):
+            known = ', '.join([self._base, *names])
             return Reason(Code.CONTENT, f'frame_id is {shown(frame)}, but must be one of: {known}')
         point = SetPoint(kind, time_s, values, names.index(frame) if frame in names else -1)
         if self._now_s - time_s < STANDSTILL_S and self._is_second(topic, number):

@@ -19,9 +19,11 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 from delta3_pacdrive.planning import rest_to_rest
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME
 from delta3_pacdrive.ros.wire.move_messages import Statement, point_of_pose
 
 NAME = 'motion sequence'
+BASE = BASE_FRAME.decode()
 MOTIONS_MAX = 1024  # of a goal, the capacity of the queue of the controller
 LINEAR_JOINT, LINEAR_CARTESIAN, CIRCULAR_CARTESIAN = 0, 50, 51  # constants of the message
 TYPES = {
@@ -34,7 +36,7 @@ MOVE_TIME = 'move_time'
 ARGUMENTS = (*LIMITS, MOVE_TIME)
 
 
-def sequence_program(motions: Sequence[Any], start_m: Floats, lengths: Kinematics) -> str:
+def sequence_program(motions: Sequence[Any], start_m: Floats, lengths: Kinematics, base: str = BASE) -> str:
     """Return the program of a sequence in JSON.
 
     Parameters
@@ -45,6 +47,8 @@ def sequence_program(motions: Sequence[Any], start_m: Floats, lengths: Kinematic
         TCP position at the start [m], shape (3,).
     lengths
         Kinematics of the robot.
+    base
+        Frame that poses may name.
 
     Raises
     ------
@@ -56,7 +60,7 @@ def sequence_program(motions: Sequence[Any], start_m: Floats, lengths: Kinematic
         raise ProgramError('the sequence has no motions; to stop, cancel the goal')
     if len(motions) > MOTIONS_MAX:
         raise ProgramError(f'the sequence has {len(motions)} motions, the limit is {MOTIONS_MAX}')
-    reader = _Sequence(start_m, lengths)
+    reader = _Sequence(start_m, lengths, base)
     statements = []
     for number, motion in enumerate(motions):
         try:
@@ -68,10 +72,14 @@ def sequence_program(motions: Sequence[Any], start_m: Floats, lengths: Kinematic
 
 @dataclass
 class _Sequence:
-    """The position [m] that the sequence has reached, and whether its last primitive has a blend."""
+    """The position [m] that the sequence has reached, and whether its last primitive has a blend.
+
+    ``base`` is the frame of its poses.
+    """
 
     position_m: Floats
     lengths: Kinematics
+    base: str
     blended: bool = False
 
     def statement(self, motion: Any, last: bool) -> Statement:
@@ -123,7 +131,7 @@ class _Sequence:
         return {'joints': {'points': rest_to_rest.joint_points(start, end, peak, ramp)}}
 
     def _line(self, motion: Any, arguments: dict[str, float], radius: float) -> Statement:
-        (end,) = _points(motion, 1)
+        (end,) = _points(motion, self.base, 1)
         length = float(np.linalg.norm(np.array(end) - self.position_m))
         time = arguments.get(MOVE_TIME, 0.0)
         if time == 0.0:
@@ -141,7 +149,7 @@ class _Sequence:
             raise ProgramError(
                 'CIRCULAR_CARTESIAN does not support move_time: give velocity and acceleration'
             )
-        end, via = _points(motion, 2)
+        end, via = _points(motion, self.base, 2)
         return self._path('move_c', {'via_m': via, 'to_m': end}, arguments, radius)
 
     def _path(
@@ -173,12 +181,12 @@ def _positive(arguments: dict[str, float], name: str) -> float:
     return arguments[name]
 
 
-def _points(motion: Any, count: int) -> list[list[float]]:
+def _points(motion: Any, base: str, count: int) -> list[list[float]]:
     """Return the positions of the poses [m]: the end, then the circle point."""
     if len(motion.poses) != count:
         wanted = 'one pose' if count == 1 else 'two poses, end and circle point'
         raise ProgramError(f'{TYPES[motion.type]} needs {wanted}, but has {len(motion.poses)}')
-    points = [point_of_pose(pose, f'poses[{number}]') for number, pose in enumerate(motion.poses)]
+    points = [point_of_pose(pose, base, f'poses[{number}]') for number, pose in enumerate(motion.poses)]
     for number, point in enumerate(points):
         if not np.isfinite(point).all():
             raise ProgramError(f'poses[{number}] is at {shown(point)}, but must be finite')

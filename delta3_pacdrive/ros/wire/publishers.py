@@ -3,8 +3,8 @@
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 
-from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, Telegram
-from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.robot.sercos.telegrams import Telegram
+from delta3_pacdrive.ros.wire import cdr, frames
 from delta3_pacdrive.ros.wire.interfaces import Topic
 
 
@@ -22,14 +22,16 @@ class Output:
 
 
 class TelegramOutput(Output):
-    """An output of fixed layout, encoded only if there are subscribers."""
+    """An output of fixed layout in the frame of the base, encoded only if there are subscribers."""
 
     def __init__(self, node: Node, topic: Topic, telegram: Telegram | None = None) -> None:
         super().__init__(node, topic)
-        self._encode = cdr.codec(telegram or topic.telegrams[0]).encode
+        frame = frames.base_of(node)
+        self._frame = frame.encode()
+        self._encode = cdr.codec(frames.in_frame(telegram or topic.telegrams[0], frame)).encode
         self._publish_raw = cdr.raw_publish(self.publisher)
 
     def send(self, stamp: tuple[int, int], values: list[float]) -> None:
         """Publish values under a stamp if there are subscribers."""
         if self.wanted:
-            self._publish_raw(self._encode(stamp, BASE_FRAME, values))
+            self._publish_raw(self._encode(stamp, self._frame, values))

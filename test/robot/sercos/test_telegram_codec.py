@@ -26,6 +26,24 @@ def refuse(data):
     raise TelegramError(f'{len(data)} bytes of another layout')
 
 
+def test_messages_with_a_prefix_of_frames_have_a_fast_codec():
+    plain = TelegramCodec(telegrams.TCP_ERROR, refuse)
+    long = telegrams.TCP_ERROR._replace(frame_length=len('cell2/base'))
+    data = TelegramCodec(long, refuse).encode((7, 8), b'cell2/base', [1.0, 2.0, 3.0])
+    assert plain.decode_layout(data) is None
+    fast = plain.with_prefix_of(data)
+    assert fast.decode_layout(data) == (7, 8, b'cell2/base', (1.0, 2.0, 3.0))
+    assert fast.with_prefix_of(data) is fast
+
+
+@pytest.mark.parametrize(
+    'data', [b'', b'\0' * 30, TelegramCodec(telegrams.AT[0], refuse).encode((0, 0), b'x' * 14, [0.0] * 3)]
+)
+def test_messages_in_other_frames_leave_the_codec_as_it_is(data):
+    plain = TelegramCodec(telegrams.TCP_ERROR, refuse)
+    assert plain.with_prefix_of(data) is plain
+
+
 def message(codec, telegram, cycle, values):
     return codec.encode((cycle, 1000 * cycle), b'%0*d' % (telegram.frame_length, cycle), values)
 

@@ -56,6 +56,13 @@ def program(*motions: Any) -> Any:
     return json.loads(sequence_program(motions, HOME, LENGTHS))
 
 
+def test_poses_of_a_robot_with_a_prefix_of_frames_name_its_base() -> None:
+    motions = [line(pose(0.1, 0.0, -0.8, frame='cell2/base')), line()]
+    assert json.loads(sequence_program(motions, HOME, LENGTHS, 'cell2/base')) == program(line(), line())
+    with pytest.raises(ProgramError, match='must be "cell2/base"'):
+        sequence_program([line(B)], HOME, LENGTHS, 'cell2/base')
+
+
 def test_each_primitive_becomes_one_statement_from_the_position_of_the_robot() -> None:
     circle = primitive(CIRCULAR_CARTESIAN, [A, B], velocity=0.3)
     found = program(line(velocity=0.5, acceleration=2.0), line(pose(-0.1, 0.0, -0.8), radius=0.01), circle)
