@@ -87,6 +87,44 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     assert told == wanted != []
 
 
+STEERS = """
+import math
+
+
+def main(robot):
+    robot.move_l(to_mm=[50, 0, -800])
+    with robot.servo() as steering:
+        for n in range(40):
+            steering.velocity(0.6 * math.cos(n / 5), 0.6 * math.sin(n / 5), -0.05)
+            robot.wait_time(0.02)
+        robot.wait_time(0.4)
+        x, y, z = robot.state().command_m
+        for n in range(30):
+            steering.position(x - 0.05 * math.sin(n / 10), y, z)
+            robot.wait_time(0.025)
+    robot.move_l(to_mm=[0, 0, -750])
+"""
+
+
+def test_a_steered_robot_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    steers, bag = tmp_path / 'steers.py', tmp_path / 'bag'
+    steers.write_text(STEERS)
+    robot = parameters.load(parameters.of_run(None, str(steers)))
+    with scripting.simulate(robot) as simulated:
+        scripts.load(steers).run(simulated)
+    trace = simulated.trace
+    done = delta3('run', steers, '--real-time-factor', '0', '--bag', bag, '--json')
+    assert done.returncode == 0, done.stderr
+    recorded = trace_file.load(bag)
+    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
+    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
+    assert len(common) > 0.95 * len(trace.time_s) > 1400
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+
+
 PICKS = """
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 

@@ -22,8 +22,8 @@ STALE_S = 0.25  # age from which on a set point is rejected
 AHEAD_S = 0.1  # how far ahead of bus time a set point may be, for clocks that differ
 JUMP_M = 0.1  # distance from the continued stream from which on a position is rejected
 CONTINUED_S = 0.15  # time for which a position is continued: one lost message of 20 Hz with jitter
-FITTED_S = 0.1  # positions of this time are fitted by a parabola,
-FITTED_MIN, FITTED_MAX = 4, 32  # but at least and at most so many
+FITTED_S = 0.04  # positions of this time are fitted by a parabola,
+FITTED_MIN, FITTED_MAX = 3, 32  # but at least and at most so many
 
 
 class SetPointKind(StrEnum):

@@ -264,12 +264,15 @@ def _wanted_velocity(servo):
         return zero, zero
     if s.mode == VELOCITY:
         return shortened(triple(s.goal[1]), s.speed), zero
-    away = difference(triple(s.goal[0]), triple(s.p))
+    # the goal in the cycle of the present state, one before the next command
+    t, speed, forward = s.cycle_time, triple(s.goal[1]), triple(s.goal[2])
+    place = combine(1.0, triple(s.goal[0]), -t, speed, 0.5 * t * t, forward)
+    away = difference(place, triple(s.p))
     distance = length_of(away)
-    wanted = triple(s.goal[1])
+    wanted = plus(speed, -t, forward)
     if distance > 0.0:
         wanted = plus(wanted, root_law(distance, POSITION_GAIN, 0.5 * s.acceleration) / distance, away)
-    return shortened(wanted, s.speed), triple(s.goal[2])
+    return shortened(wanted, s.speed), forward
 
 
 @kernel
