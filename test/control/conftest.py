@@ -301,7 +301,7 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
         return run_job(Job(0, queue, text, adaptation, here, wrapped), robot, lambda *_: None)
 
     def plan(job: Job) -> Result:
-        if job.append_to is not None:
+        if job.append_to is not None or job.document is not None:
             return run_job(job, robot, lambda *_: None)
         x, y, z = (round(value, 9) for value in job.start_m)
         known = remembered(job.queue, job.text, job.adaptation, (x, y, z), job.wrapped)

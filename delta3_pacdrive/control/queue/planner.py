@@ -449,7 +449,7 @@ class Planner:
             tolerances = trajectory.tolerances
             self._launch(result, start_cycle=cycle, exact=cycle != SOON, tolerances=tolerances)
 
-        self._planning.begin(launch, start_m, text=program)
+        self._planning.begin(launch, start_m, document=program)
 
     def require_idle(self, what: str) -> Floats:
         """Return the TCP position [m]; raises RefusedError unless ``what`` can begin now, with an empty queue."""

@@ -35,6 +35,12 @@ class Job:
     room: int = APPENDED_MAX  # number of statements that may be appended
     rounded: bool = True  # whether the corner before appended moves may be rounded
     turns_rad: tuple[float, ...] = ()  # angles of the rotary axes before the first move
+    document: Any = None  # content of the text if it is parsed already, as from YAML
+
+    @property
+    def adds(self) -> bool:
+        """Whether it has statements in addition to the queue."""
+        return bool(self.text) or self.document is not None
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ def run_job(
     """
     try:
         program, statements, starts = job.queue, 0, False
-        if job.text:
+        if job.adds:
             added, starts = _read(job, robot, outputs)
             if job.append_to is not None:
                 return _append(job, job.append_to, added, robot, progress)
@@ -79,7 +85,7 @@ def run_job(
             progress=progress,
             turns_rad=job.turns_rad,
         )
-        if job.text and job.queue is not None:
+        if job.adds and job.queue is not None:
             program_planner.require_start(added, _end_m(planned, len(job.queue.statements), job.start_m))
         return Result(job.number, program, planned, statements=statements, starts=starts)
     except CancelledError as error:
@@ -131,7 +137,9 @@ def _append(
 def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:
     """Return the program of the text, and whether it starts automatically."""
     starts = job.wrapped
-    if job.text in programs.packaged_names():
+    if job.document is not None:
+        document = job.document
+    elif job.text in programs.packaged_names():
         document = yaml_file.read(programs.find(job.text), 'program file', ProgramError)
     else:
         document = yaml_file.parse(job.text, 'the program', ProgramError)

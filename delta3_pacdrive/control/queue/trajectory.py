@@ -4,7 +4,6 @@ A late trajectory is joined in progress as in the joint_trajectory_controller of
 reached in time are dropped, the others keep their times.
 """
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,8 +40,8 @@ class TrajectoryRequest(JsonMessage):
     points: list[Any]  # as in a program; empty: stop
     tolerances: Tolerances | None = None  # None: default
 
-    def due(self, newest_cycle: int, cycle_time_s: float) -> tuple[int, str]:
-        """Return the bus cycle of the start, and the program.
+    def due(self, newest_cycle: int, cycle_time_s: float) -> tuple[int, Any]:
+        """Return the bus cycle of the start, and the program as the document of a file.
 
         Raises
         ------
@@ -75,8 +74,8 @@ class TrajectoryRequest(JsonMessage):
         return soonest, self._program(points)
 
     @staticmethod
-    def _program(points: list[Any]) -> str:
-        return json.dumps({'name': NAME, 'moves': [{'joints': {'points': points}}]})
+    def _program(points: list[Any]) -> Any:
+        return {'name': NAME, 'moves': [{'joints': {'points': points}}]}
 
 
 def _time_of(point: Any) -> float:

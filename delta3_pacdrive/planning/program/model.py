@@ -18,14 +18,14 @@ from delta3_pacdrive.planning.paths.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.robot.faults.fault import Fault
 
 Point = tuple[float, float, float]
-JOINT_POINTS_MAX = 10_000  # of a joint trajectory
+# of a joint trajectory: reception of a message with as many takes the planner's node 3 s on a slow machine
+JOINT_POINTS_MAX = 30_000
 SHIFT_MAX_S = 10.0  # of an output
 CLEARANCE_MAX_M = 1.0  # of an arch
 REACH_M = 10.0
 TIME_MAX_S = 3600.0
 ARC_TURNS_MAX = 100
 ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
-ASKED_POINTS_MAX = 1000  # of a joint trajectory in a message for immediate execution
 
 
 def _arc_angle(value: Any, where: str) -> float:

@@ -42,6 +42,7 @@ SCRIPT = 'script'
 EVERY_AXIS = 'axisN'
 TEXT_BYTES_MAX = 64 * 1024  # default size limit of a message
 PROGRAM_BYTES_MAX = 1024 * 1024
+TRAJECTORY_BYTES_MAX = 4 * PROGRAM_BYTES_MAX  # 30,000 points with speeds and accelerations
 REQUEST_BYTES_MAX = 2 * PROGRAM_BYTES_MAX  # of a request to the planner, with escaped characters
 # of a request to the transformation task, which must not delay its bus cycles
 TASK_REQUEST_BYTES_MAX = 4096
@@ -531,7 +532,7 @@ PROGRAM = Topic(
 JOINT_TRAJECTORY = Topic(
     'joint_trajectory', JointTrajectory, REQUEST, (), (PLANNER,),
     'arm angles [rad] over time, executed immediately; as for joint_trajectory_controller', ASKED,
-    bytes_max=PROGRAM_BYTES_MAX,
+    bytes_max=TRAJECTORY_BYTES_MAX,
 )
 OVERRIDE = Topic(
     'unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED,

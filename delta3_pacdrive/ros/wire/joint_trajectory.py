@@ -7,7 +7,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.planning.program.model import ASKED_POINTS_MAX
+from delta3_pacdrive.planning.program.model import JOINT_POINTS_MAX
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 
@@ -34,9 +34,9 @@ def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
         raise ProgramError(
             f'joint_names are {shown(", ".join(names))}, but must be {", ".join(DRIVES)}, in any order'
         )
-    if len(message.points) > ASKED_POINTS_MAX:
+    if len(message.points) > JOINT_POINTS_MAX:
         raise ProgramError(
-            f'the trajectory has {len(message.points)} points, the limit is {ASKED_POINTS_MAX}'
+            f'the trajectory has {len(message.points)} points, the limit is {JOINT_POINTS_MAX}'
         )
     order = [names.index(name) for name in DRIVES]
     points, before = [], -math.inf

@@ -28,7 +28,7 @@ from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.paths.move import MOVES_MAX
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.file_reader import TIME_MAX_S
-from delta3_pacdrive.planning.program.model import JOINT_POINTS_MAX, Program
+from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.tables import column_file
 from delta3_pacdrive.recording.trace import Trace
@@ -40,7 +40,8 @@ STANDING_S, STANDING_SAMPLES = 0.05, 24  # minimum length of a rest that becomes
 SETTLED_SAMPLES = 10  # at either end of a rest, left to the motion for its acceleration to decay
 ENDS_AT_REST = 0.05  # of the largest speed: apparent speed accepted at the start and at the end
 INSTANTS_MIN = 5
-COUNTED_MAX = 20 * JOINT_POINTS_MAX  # points at which the search ends
+POINTS_MAX = 10_000  # between two rests; a program file with more would be too large
+COUNTED_MAX = 20 * POINTS_MAX  # points at which the search ends
 INSIDE = np.linspace(0.0, 1.0, 12)[1:-1]  # of a piece: where it is compared with the spline
 # in order of preference: commanded, then measured signals
 CHOICES = ('motor_command', 'arm_position_reference', 'tcp_command', 'motor_position', 'arm_position', 'tcp_actual',
@@ -140,10 +141,10 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
             continue
         rows = slice(first, last + 1)
         points = _points(time_s[rows] - time_s[first], angles[rows], rounding)
-        if len(points) > JOINT_POINTS_MAX:
+        if len(points) > POINTS_MAX:
             raise ProgramError(
                 f'{name} requires {len(points)} points from {origin + time_s[first]:.6g} to '
-                f'{origin + time_s[last]:.6g} s, where it is in motion, the limit is {JOINT_POINTS_MAX}: play a part '
+                f'{origin + time_s[last]:.6g} s, where it is in motion, the limit is {POINTS_MAX}: play a part '
                 'of it, or data with less noise'
             )
         count += len(points)

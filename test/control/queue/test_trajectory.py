@@ -1,7 +1,5 @@
 """Tests of requested trajectories of arm angles: start, late points and stops."""
 
-import json
-
 import pytest
 
 from delta3_pacdrive import kinematics
@@ -27,7 +25,7 @@ def points(*times):
 def due(stamp_s, *times):
     """Return the cycle at which a trajectory begins, and the times of its points."""
     cycle, program = TrajectoryRequest(stamp_s, points(*times)).due(NEWEST, CYCLE_S)
-    (move,) = json.loads(program)['moves']
+    (move,) = program['moves']
     return cycle, [point['time_s'] for point in move['joints']['points']]
 
 

@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.planning.program.model import JOINT_POINTS_MAX
 from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.wire.qos import REQUEST
 from trajectories import HALF_INCREMENT, HOME, Cell, message, still
@@ -56,7 +57,7 @@ def test_a_stamp_is_bus_time() -> None:
         (message((1.0, {'positions': [0, 0, 0], 'effort': [0, 0, 0]})), 'point 1 has effort, which is not supported'),
         (message((1.0, still(0.0)), (1.0, still(0.1))), 'point 2 is at 1 s, not after point 1 at 1 s'),
         (message((-1.0, still(0.0))), 'point 1: time_from_start is -1 s, but must be at least 0'),
-        (message(*((float(n), still(0.0)) for n in range(1, 1002))), 'has 1001 points, the limit is 1000'),
+        (message(*((0.1 * n, still(0.0)) for n in range(1, 30_002))), 'has 30001 points, the limit is 30000'),
         (message((1.0, still(0.0)), stamp=Time(sec=-1)), 'header.stamp is -1 s'),
     ],
 )  # fmt: skip
@@ -124,6 +125,21 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     assert cell.send(JointTrajectory()) in stopping
     cell.wait_for('idle')
     assert cell.missed(0.2) > HALF_INCREMENT
+
+
+def test_the_longest_trajectory_is_followed_through_all_its_points(graph: Any) -> None:
+    cell = Cell(graph)
+    time_s, by = JOINT_POINTS_MAX * 1e-4, 0.3
+    rows = []
+    for n in range(1, JOINT_POINTS_MAX + 1):
+        share = n / JOINT_POINTS_MAX
+        speed = by / time_s * 6.0 * share * (1.0 - share)
+        angles = HOME + by * share**2 * (3.0 - 2.0 * share)
+        rows.append((share * time_s, {'positions': angles, 'velocities': [speed] * 3}))
+    assert cell.send(message(*rows)).startswith('accepted')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed(by) <= 1.01 * 2.0 * HALF_INCREMENT
 
 
 def test_trajectory_beyond_its_path_tolerance_is_stopped_with_the_reason(graph: Any) -> None:
