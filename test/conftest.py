@@ -59,6 +59,7 @@ MAY_BE_SKIPPED = (
     'root may write everywhere',
     'mounting a small disk is not permitted',
     'control_msgs is',
+    'tf2_msgs is',
     'no packets can be dropped here',
     'there cannot be two hosts here',
     'numba-cuda is not installed',

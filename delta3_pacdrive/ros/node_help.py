@@ -12,13 +12,14 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.ros.parameters import OF_ALL, OWN, shows
 from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE
 from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
+from delta3_pacdrive.ros.wire.tf_messages import TF
 
 ABOUT = {
     'unit_robot': 'The planner: receives moves and programs, plans, checks and starts them.',
     'transformation_task': 'The cyclic part of the controller: SERCOS master and transformation task.',
     'mc4_drive': 'One MC-4 servo drive; the parameter axis selects which one.',
     'plant': 'The machine: motors, brakes, gears and the coupled arms, and the cell around them.',
-    'robot_visualization': 'Markers of the robot for RViz and Foxglove, and bus time as /clock.',
+    'robot_visualization': 'Markers of the robot for RViz and Foxglove, its TCP on /tf, and bus time as /clock.',
 }
 ACTIONS = {
     'unit_robot': (
@@ -41,7 +42,14 @@ OPTIONAL_TOPICS = {
             'control_msgs/msg/JointTrajectoryControllerState, 100 Hz, with subscribers only',
             'expected and actual arm angles (published if control_msgs is installed)',
         ),
-    )
+    ),
+    'robot_visualization': (
+        (
+            TF,
+            'tf2_msgs/msg/TFMessage, 100 Hz, with subscribers only',
+            'transform from base to tcp (published if tf2_msgs is installed)',
+        ),
+    ),
 }
 
 

@@ -1,10 +1,10 @@
-"""Builds ``control_msgs``, as far as the actions of the robot need it: the package index has no wheel of it.
+"""Builds ``control_msgs`` or ``tf2_msgs``, as far as the robot needs them: the package index has no wheels of them.
 
 The generators of the ROS wheels write C from the fields below, a C++ compiler makes one Python extension of it, into a
-folder for PYTHONPATH. Names and types of fields are those of control_msgs 5 (Jazzy), so that bytes on the wire are
+folder for PYTHONPATH. Names and types of fields are those of Jazzy (control_msgs 5), so that bytes on the wire are
 the same; constants are there as far as the robot uses them.
 
-    python test/support/control_msgs_build.py FOLDER
+    python test/support/control_msgs_build.py FOLDER [PACKAGE]
 """
 
 import importlib.util
@@ -16,7 +16,7 @@ import sysconfig
 from pathlib import Path
 
 PACKAGE = 'control_msgs'
-FIELDS = {
+CONTROL_FIELDS = {
     'msg/JointTolerance.msg': 'string name, float64 position, float64 velocity, float64 acceleration',
     'msg/JointComponentTolerance.msg': 'string joint_name, uint16 component, float64 position, float64 velocity, '
     'float64 acceleration',
@@ -47,6 +47,10 @@ FIELDS = {
     'action/ExecuteMotionPrimitiveSequence.action': 'MotionPrimitiveSequence trajectory, ---, '
     'int32 SUCCESSFUL = 0, int32 INVALID_GOAL = -1, int32 OLD_HEADER_TIMESTAMP = -3, int32 error_code, '
     'string error_string, ---, uint8 current_primitive_index',
+}
+FIELDS = {
+    PACKAGE: CONTROL_FIELDS,
+    'tf2_msgs': {'msg/TFMessage.msg': 'geometry_msgs/TransformStamped[] transforms'},
 }
 NEEDED = (
     'action_msgs', 'builtin_interfaces', 'geometry_msgs', 'service_msgs', 'std_msgs', 'trajectory_msgs',
@@ -83,14 +87,14 @@ def missing() -> str:
     return ''
 
 
-def build(folder: Path) -> Path:
-    """Build the package below a folder; return the entry for PYTHONPATH."""
+def build(folder: Path, name: str = PACKAGE) -> Path:
+    """Build a package below a folder; return the entry for PYTHONPATH."""
     prefix = Path(sys.prefix)
     os.environ['AMENT_PREFIX_PATH'] = str(prefix)  # where the generators look for their templates
-    package = folder / 'site' / PACKAGE
-    _generate(_write(folder / 'source'), prefix / 'share', folder / 'generated')
-    for path in (folder / 'generated' / 'py' / PACKAGE).rglob('*.py'):
-        target = package / path.relative_to(folder / 'generated' / 'py' / PACKAGE)
+    package = folder / 'site' / name
+    _generate(_write(folder / 'source', name), name, prefix / 'share', folder / 'generated')
+    for path in (folder / 'generated' / 'py' / name).rglob('*.py'):
+        target = package / path.relative_to(folder / 'generated' / 'py' / name)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(path, target)
     (package / '__init__.py').touch()
@@ -98,15 +102,15 @@ def build(folder: Path) -> Path:
     return package.parent
 
 
-def _write(source: Path) -> Path:
-    for name, fields in FIELDS.items():
-        path = source / name
+def _write(source: Path, name: str) -> Path:
+    for file, fields in FIELDS[name].items():
+        path = source / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text('\n'.join(fields.split(', ')) + '\n', encoding='utf-8')
     return source
 
 
-def _generate(source: Path, share: Path, into: Path) -> None:
+def _generate(source: Path, package: str, share: Path, into: Path) -> None:
     from rosidl_adapter import convert_to_idl
     from rosidl_generator_c.cli import GenerateC
     from rosidl_generator_py.cli import GeneratePython
@@ -114,9 +118,9 @@ def _generate(source: Path, share: Path, into: Path) -> None:
     from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
     from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
-    for name in FIELDS:
-        convert_to_idl(source, PACKAGE, Path(name), into / 'idl')
-    idl = [f'{into / "idl"}:{Path(name).with_suffix(".idl")}' for name in FIELDS]
+    for name in FIELDS[package]:
+        convert_to_idl(source, package, Path(name), into / 'idl')
+    idl = [f'{into / "idl"}:{Path(name).with_suffix(".idl")}' for name in FIELDS[package]]
     for generator in (
         GenerateC('c'),
         GenerateFastRTPSCTypesupport('fastrtps_c'),
@@ -124,7 +128,7 @@ def _generate(source: Path, share: Path, into: Path) -> None:
         GenerateCTypesupport('dispatch', typesupport_implementations=list(TYPE_SUPPORTS)),
         GeneratePython('py', typesupport_implementations=['rosidl_typesupport_c']),
     ):
-        generator.generate(PACKAGE, idl, [str(share)], into / generator.name / PACKAGE)
+        generator.generate(package, idl, [str(share)], into / generator.name / package)
 
 
 def _compile(generated: Path, prefix: Path, package: Path) -> None:
@@ -142,15 +146,15 @@ def _compile(generated: Path, prefix: Path, package: Path) -> None:
     found = [name for name in names if (prefix / 'lib' / f'lib{name}.so').is_file()]
     link = ['g++', '-shared', '-Wl,--no-as-needed', f'-L{prefix / "lib"}', f'-L{package}']
     link += [f'-Wl,-rpath,{prefix / "lib"}:$ORIGIN', '-o']
-    _run([*link, str(package / f'lib{PACKAGE}.so'), *objects, *(f'-l{name}' for name in found)])
+    _run([*link, str(package / f'lib{package.name}.so'), *objects, *(f'-l{name}' for name in found)])
     # the middleware asks for libraries by these names: they lead to the one that holds everything
-    names = [f'{PACKAGE}__{kind}' for kind in TYPE_SUPPORTS]
+    names = [f'{package.name}__{kind}' for kind in TYPE_SUPPORTS]
     for name in names:
         soname = f'-Wl,-soname,lib{name}.so'
-        _run([*link, str(package / f'lib{name}.so'), soname, f'-l{PACKAGE}'])
-    extension = package / f'{PACKAGE}_s__rosidl_typesupport_c.so'
+        _run([*link, str(package / f'lib{name}.so'), soname, f'-l{package.name}'])
+    extension = package / f'{package.name}_s__rosidl_typesupport_c.so'
     entry = [item for item in objects if '_s.ep.' in item]
-    _run([*link, str(extension), *entry, *(f'-l{name}' for name in (PACKAGE, *names))])
+    _run([*link, str(extension), *entry, *(f'-l{name}' for name in (package.name, *names))])
 
 
 def _run(command: list[str]) -> None:
@@ -162,4 +166,4 @@ def _run(command: list[str]) -> None:
 
 
 if __name__ == '__main__':
-    print(missing() or build(Path(sys.argv[1])))
+    print(missing() or build(Path(sys.argv[1]), *sys.argv[2:]))

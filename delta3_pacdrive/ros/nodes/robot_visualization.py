@@ -1,8 +1,9 @@
-"""Node for visualization: markers of the robot, and bus time on ``/clock``; idle without subscribers.
+"""Node for visualization: markers of the robot, TCP on ``/tf``, bus time on ``/clock``; idle without subscribers.
 
 In, with subscribers only: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, with rotary axes
 ``tool/turn`` and ``tool/turn_2``, and with a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always
-``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz); ``/tf`` (100 Hz)
+if ``tf2_msgs`` is installed.
 
 It is longer than other nodes because its subscriptions depend on its subscribers.
 """
@@ -27,7 +28,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.robot.sercos.telegram_codec import Decoded
-from delta3_pacdrive.robot.sercos.telegrams import Telegram, joint_states
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS, Telegram, joint_states
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.cell_markers import CellMarkers
 from delta3_pacdrive.ros.clients.cell_reader import CellReader
@@ -53,6 +54,7 @@ from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import PollingNode
 from delta3_pacdrive.ros.wire.publishers import Output
 from delta3_pacdrive.ros.wire.qos import NEWEST
+from delta3_pacdrive.ros.wire.tf_messages import TransformOutput
 
 SILENT_S = 1.0  # without bus time: another robot may then publish the clock
 
@@ -151,8 +153,10 @@ class RobotVisualizationNode(PollingNode):
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
-        drives = self._robot.axes
-        self._joints = _OptionalInput(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
+        self._transform = TransformOutput(self)
+        layout = joint_states(self._robot.axes)
+        self._joint_count = len(layout.names)
+        self._joints = _OptionalInput(self, JOINT_STATES, JOINT_STATES_QUEUE, layout)
         self._command, self._error = _OptionalInput(self, TCP_COMMAND), _OptionalInput(self, TCP_ERROR)
         self._turns = [_OptionalInput(self, topic) for topic in TURNS[: len(self._robot.rotary_axes)]]
         self._theta = self._tcp = np.full(3, np.nan)
@@ -174,14 +178,15 @@ class RobotVisualizationNode(PollingNode):
         self._present.update()
         self._bus_clock.update()
         shown = self._output.wanted
-        self._joints.listen(shown or self._bus_clock.wanted)
+        needed = shown or self._bus_clock.wanted or self._transform.wanted
+        self._joints.listen(needed)
         self._command.listen(shown)
         self._error.listen(shown)
         for turn in self._turns:
             turn.listen(shown)
         if shown and self._cell is None and self.count_publishers(SCENE.name):
             self._cell = CellReader(self)
-        if not (shown or self._bus_clock.wanted):
+        if not needed:
             self._ticker.cancel()
         elif self._ticker.is_canceled():
             self._ticks = 0
@@ -194,6 +199,8 @@ class RobotVisualizationNode(PollingNode):
             self._theta = np.array(values[:3])
             self._tcp = kinematics.forward(self._theta, self._robot, unreachable='nan')
             self._markers.travel(self._tcp)
+            self._transform.add((sec, nanosec), self._tcp, sum(values[len(JOINTS) : self._joint_count]))
+        self._transform.publish()
         if self._output.wanted:
             self._show()
         self._ticks += 1

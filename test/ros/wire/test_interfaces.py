@@ -38,6 +38,7 @@ from delta3_pacdrive.ros.wire.interfaces import (
     VISUALIZATION,
     Topic,
 )
+from delta3_pacdrive.ros.wire.tf_messages import TF
 
 # what rclpy gives every node
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}
@@ -128,7 +129,7 @@ def endpoints(robot: Any, whose: str) -> Iterator[tuple[str, str, Any]]:
     listener: Node = robot.listener
     for name, _ in listener.get_topic_names_and_types():
         # where control_msgs is installed there are actions, which are made of topics, and an additional topic
-        if name in OF_EVERY_NODE or '/_action/' in name or name == f'/{CONTROLLER_STATE}':
+        if name in OF_EVERY_NODE or '/_action/' in name or name in (f'/{CONTROLLER_STATE}', TF):
             continue
         for info in getattr(listener, f'get_{whose}_info_by_topic')(name):
             if info.node_name != 'listener':
