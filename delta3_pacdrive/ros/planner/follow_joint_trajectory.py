@@ -89,9 +89,11 @@ class FollowJointTrajectory(MotionAction):
         self._reported_cycle = -1  # newest bus cycle of the feedback
 
     def _request(self, goal: Any) -> Request:
-        return self._operators.request(
-            'trajectory', trajectory_request(goal, self._planner.trajectory.default).to_json()
-        )
+        if goal.trajectory.points:
+            # before the conversion: the heartbeat of the planner must not pause for long while a program runs
+            self._require_idle('a trajectory')
+        request = trajectory_request(goal, self._planner.trajectory.default)
+        return self._operators.request('trajectory', request.to_json())
 
     def _publish_feedback(self, running: Goal) -> None:
         followed = self._planner.trajectory.followed()

@@ -21,6 +21,7 @@ from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.request_tracker import Phase
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -117,6 +118,11 @@ class MotionAction(ABC):
     @abstractmethod
     def _publish_feedback(self, running: Goal) -> None:
         """Publish feedback of the goal being executed if there is news."""
+
+    def _require_idle(self, what: str) -> Floats:
+        """Return the TCP position [m]; raises RefusedError unless the planner would take ``what`` now."""
+        self._planner.require_control(self._operators.request('move'))
+        return self._planner.require_idle(what)
 
     def destroy(self) -> None:
         """Remove the action from the graph."""

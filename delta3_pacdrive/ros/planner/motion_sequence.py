@@ -36,7 +36,7 @@ class MotionSequence(MotionAction):
         self._reported = ('', -1)  # request and index of the newest feedback
 
     def _request(self, goal: Any) -> Request:
-        start_m = self._planner.require_idle('a sequence')
+        start_m = self._require_idle('a sequence')
         text = sequence_program(goal.trajectory.motions, start_m, self._lengths, self._base)
         return self._operators.request('move', text)
 
