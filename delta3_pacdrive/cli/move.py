@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive.cli import move_servo
 from delta3_pacdrive.cli.command import (
     Command,
     JsonOptions,
@@ -34,6 +35,7 @@ ACTIONS = {
     'c': 'circle through X Y Z to X Y Z [m]',
     'sb': 'spline through X Y Z, X Y Z, ... [m]',
     'program': 'program file or packaged program',
+    'servo': 'steer the robot with the keyboard, up to --speed (default: 0.1 m/s)',
     'start': 'start the queue',
     'hold': 'stop on the path',
     'resume': 'continue after a hold',
@@ -48,6 +50,7 @@ ACTIONS = {
     'wait': 'wait until the robot is in cyclic operation and enabled, or stopped by a fault',
 }
 MOVES = ('l', 'c', 'sb', 'program')
+LIMITED = (*MOVES, 'servo')
 POINTS = ('l', 'c', 'sb')
 RUNS = (*MOVES, 'start', 'resume')
 NEEDS_CONTROL = tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait'))
@@ -70,12 +73,12 @@ class Options(NodeOptions, JsonOptions):
     )
     take_over: bool = flag('take control even if another operator has it', only=NEEDS_CONTROL)
     speed: float | None = option(
-        'maximum TCP speed [m/s], also for a program', 'V', type=finite_number, only=MOVES
+        'maximum TCP speed [m/s], also for a program', 'V', type=finite_number, only=LIMITED
     )
     acceleration: float | None = option(
-        'maximum TCP acceleration [m/s2], likewise', 'A', type=finite_number, only=MOVES
+        'maximum TCP acceleration [m/s2], likewise', 'A', type=finite_number, only=LIMITED
     )
-    jerk: float | None = option('maximum TCP jerk [m/s3], likewise', 'J', type=finite_number, only=MOVES)
+    jerk: float | None = option('maximum TCP jerk [m/s3], likewise', 'J', type=finite_number, only=LIMITED)
     blend: float | None = option('blend radius to the next move [m]', 'R', type=finite_number, only=POINTS)
     strict: bool = flag('reject the move instead of slowing it down', only=POINTS)
     first: int = first_statement(only=('program',))
@@ -124,13 +127,17 @@ def _points(options: Options, count: int | None) -> list[Any]:
     return [{'by_m': point} for point in points] if options.relative else points
 
 
+def _limits(options: Options) -> dict[str, Any]:
+    """Return the limits given by options, by their names in programs."""
+    given = ((key, getattr(options, name)) for name, key in LIMITS.items())
+    return {key: value for key, value in given if value is not None}
+
+
 def _document(options: Options) -> str:
     """Return the program of the options, as text for UnitRobot."""
     if options.action == 'program':
         return _program_text(options.values)
-    limits = {
-        key: getattr(options, name) for name, key in LIMITS.items() if getattr(options, name) is not None
-    }
+    limits = _limits(options)
     if options.strict:
         limits['strict'] = True
     if options.action == 'l':
@@ -179,6 +186,8 @@ def run(options: Options) -> Output:
         return _run_all(options)
     from delta3_pacdrive.ros.clients.robot_client import operating
 
+    if options.action == 'servo':
+        move_servo.require_terminal()
     facts: dict[str, Any] = {}
     with operating(options.namespace) as operator:
         if not options.json and sys.stderr.isatty():
@@ -241,6 +250,8 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
                 _run_motion(
                     lambda: operator.start_program(document, _adaptation(options)), options, operator, report
                 )
+            elif options.action == 'servo':
+                move_servo.steer(operator, _limits(options), report)
             elif options.action in ('start', 'resume'):
                 _run_motion(lambda: operator.call(options.action), options, operator, report)
             elif options.action == 'override':

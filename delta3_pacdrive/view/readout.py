@@ -14,6 +14,7 @@ GREEN, AMBER, RED, GREY, BLUE = '#2f9e5b', '#e08a00', '#d92d3a', '#868e96', '#3a
 STATE_COLOURS = {
     'idle': GREEN,
     'moving': BLUE,
+    'steered': BLUE,
     'stopping': AMBER,
     'stopped': AMBER,
     'error': RED,

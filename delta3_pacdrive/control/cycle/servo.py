@@ -7,6 +7,7 @@ and gears are evaluated in the same way. At the end the offset becomes part of t
 import json
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,11 +79,11 @@ class Steered:
 class Servo(Stage):
     """Steering of the TCP by set points; inactive until ``begin``.
 
-    ``state`` is ``TASK['state']`` of the ``record`` of the task.
+    ``record`` is the array of one record ``TASK`` of the task; ``changed`` is called at the begin and at the end.
     """
 
-    def __init__(self, parameters: Parameters, record: NDArray[Any]) -> None:
-        self._parameters, self._task = parameters, record
+    def __init__(self, parameters: Parameters, record: NDArray[Any], changed: Callable[[], None]) -> None:
+        self._parameters, self._task, self._changed = parameters, record, changed
         self._state = record['state']
         self._record = servo_record(parameters, default_limits(parameters))
         self._time = parameters.bus.cycle_time_s
@@ -111,11 +112,13 @@ class Servo(Stage):
         self.active, self._leaving, self._halted = True, False, False
         self.begins, self.rest_cycle = cycle, 0
         self.accepted = self.rejected = 0
+        self._changed()
 
     def take(self, point: SetPoint, now_s: float) -> Reason | None:
         """Take a set point at a bus time [s]; return why it is rejected, None if it is not."""
-        reason = self._stream.take(point, now_s)
-        if reason is None and point.belt >= len(self._belts.belts if self._belts else ()):
+        if point.belt < len(self._belts.belts if self._belts else ()):
+            reason = self._stream.take(point, now_s)
+        else:
             reason = Reason(Code.CONTENT, f'there is no belt number {point.belt}')
         self.accepted += reason is None
         self.rejected += reason is not None
@@ -181,6 +184,7 @@ class Servo(Stage):
         self._stream.clear()
         state = self._state[0]
         state['tracks'], state['planned'] = 0, state['tcp']
+        self._changed()
 
     @property
     def velocity_m_s(self) -> Floats:

@@ -319,6 +319,9 @@ def stop_duration(v, a, servo):
         bow = length_of(combine(12.0 / duration, v, 6.0, a, 0.0, v)) / 512.0
         least = s.acceleration - bow
         kept = kept and least > 0.0
+        rises = -6.0 / duration * dot(v, a) - 4.0 * dot(a, a) > 0.0
+        if rises and dot(a, a) > least * least:
+            kept = False
         for n in range(1, 8):
             if not kept:
                 break

@@ -140,7 +140,7 @@ class Transformation:
         self.rotary = tuple(RotaryAxis(parameters, number) for number in range(axes - ARMS))
         for axis in self.rotary:
             axis.precompile(record, self.timeline)
-        self.servo = Servo(parameters, record)
+        self.servo = Servo(parameters, record, self._collect_stages)
         self.follow_belts(())
         # first cycle that counts for the figures of the program, and the first after those
         self._measured = NEVER, NEVER
@@ -151,8 +151,15 @@ class Transformation:
     def follow_belts(self, belts: Sequence[BeltAxes]) -> None:
         """Use these belts from now on and discard all earlier belt state."""
         self.tracking = BeltStage(self._parameters, belts, self.state, self._stop_off_belt)
+        self._collect_stages()
+
+    def _collect_stages(self) -> None:
+        belts, steering = (
+            [self.tracking] if self.tracking.belts else [],
+            [self.servo] if self.servo.active else [],
+        )
         # stages that take part in the command of each bus cycle
-        self._commanding: list[Stage] = [*([self.tracking] if belts else []), self.servo, *self.rotary]
+        self._commanding: list[Stage] = [*belts, *steering, *self.rotary]
         self._stages: list[Stage] = [self.learned, self._wait, *self._commanding]
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
