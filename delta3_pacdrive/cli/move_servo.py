@@ -9,7 +9,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from delta3_pacdrive.errors import ProgramError, RunError
 from delta3_pacdrive.numerics.units import millimetres
@@ -98,15 +98,13 @@ def require_terminal() -> None:
 
 def steer(operator: 'OperatorNode', limits: dict[str, float], report: Callable[[str], None]) -> None:
     """Steer the robot with the keyboard until the user or the robot ends it; raises RunError, RefusedError."""
-    from geometry_msgs.msg import TwistStamped
-
     from delta3_pacdrive.control.messages import END_STEERING, STEER
     from delta3_pacdrive.control.motion_state import MotionState
     from delta3_pacdrive.ros.wire import interfaces
 
     speed_max = limits.get('speed_m_s', SPEED_M_S)
     keyboard = Keyboard(SPEED_M_S, speed_max)
-    publisher = interfaces.SERVO_TWIST.publisher(operator)
+    send = operator.velocities()
     rejections: list[str] = []
     interfaces.SERVO_STATE.subscription(operator, lambda message: rejections.append(message.message))
     report(operator.ask('control', STEER, json.dumps(limits | {'speed_m_s': speed_max})))
@@ -122,11 +120,7 @@ def steer(operator: 'OperatorNode', limits: dict[str, float], report: Callable[[
                     return
                 if operator.state != MotionState.STEERED:
                     raise RunError(f'the steering has ended: the robot is {operator.state}')
-                message: Any = TwistStamped()
-                message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
-                linear = message.twist.linear
-                linear.x, linear.y, linear.z = keyboard.velocity(now_s)
-                publisher.publish(message)
+                send(*keyboard.velocity(now_s))
                 sent += 1
                 if sent % SHOW_EVERY == 0:
                     _show(operator, keyboard, rejections[-1] if rejections else '')

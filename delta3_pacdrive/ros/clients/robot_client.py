@@ -12,6 +12,7 @@ from dataclasses import astuple, dataclass
 from typing import Any
 
 from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import TwistStamped
 from rclpy.client import Client
 from rclpy.task import Future
 from std_msgs.msg import Header, String
@@ -318,6 +319,19 @@ class OperatorNode(PollingNode):
         if name in TASK_ACTIONS:
             return self.ask('control', TASK_ACTIONS[name])
         return self.ask('unit_robot', name)
+
+    def velocities(self) -> Callable[[float, float, float], None]:
+        """Return a function that sends a velocity of the TCP [m/s] to a steered robot."""
+        publisher = interfaces.SERVO_TWIST.publisher(self)
+
+        def send(x_m_s: float, y_m_s: float, z_m_s: float) -> None:
+            message = TwistStamped()
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 10**9)
+            linear = message.twist.linear
+            linear.x, linear.y, linear.z = x_m_s, y_m_s, z_m_s
+            publisher.publish(message)
+
+        return send
 
     def enable(self, on: bool) -> str:
         """Enable or disable the drives."""
