@@ -80,7 +80,7 @@ RETURN_GAIN = 5.0  # [1/s] with which a robot leaves this distance
 RESERVE = 0.98  # share of torque, voltage and speed of the motors that is used
 NEAR_M = 0.5  # distance from which on a limit of the position matters
 PROBE_M = 1e-6  # step of the numerical gradient of the limits
-SWEEPS = 4  # over all near limits: in corners several of them act
+SWEEPS = 64  # at most, over all near limits: in corners several of them act
 STOPPING, VELOCITY, POSITION = range(3)
 ATTEMPTS = (
     (1.0, 1.0),

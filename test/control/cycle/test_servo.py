@@ -299,6 +299,22 @@ def test_a_robot_beyond_a_limit_can_only_return():
 
 
 @pytest.mark.parametrize(
+    ('place', 'limits'),
+    [
+        ((0.23037878, -0.53206779, -0.94999998), Limits(10.8, 1.1756622630724542, 87.11214747157733)),
+        ((0.42494116, 0.33324844, -0.94999995), Limits(11.3, 1.1428448988389994, 16670.97323763112)),
+    ],
+)
+def test_a_robot_in_a_corner_of_several_limits_can_leave_it(place, limits):
+    robot = Robot(limits=limits, home=np.array(place))
+    back = 5.0 * (np.array((0.0, 0.0, -0.8)) - place)
+    feed = stream(constant(*back.tolist()), SetPointKind.VELOCITY, 100.0)
+    motion = robot.run(500, feed)
+    assert np.linalg.norm(motion.place[-1] - place) > 0.01
+    assert_within_limits(motion, limits=limits)
+
+
+@pytest.mark.parametrize(
     'limits',
     [Limits(0.001, 0.1, 1.0), Limits(15.0, 60.0, 1e4), Limits(15.0, 1000.0, 1e5), Limits(2.0, 5.0, 50.0)],
 )
