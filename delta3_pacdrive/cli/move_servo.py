@@ -91,7 +91,7 @@ def _keys(file: int) -> Iterator[Callable[[], list[str]]]:
 
 
 def require_terminal() -> None:
-    """Raise ProgramError if there is no keyboard."""
+    """Raise ProgramError unless the input is a terminal."""
     if not sys.stdin.isatty():
         raise ProgramError('move servo reads keys and needs a terminal')
 
@@ -128,7 +128,7 @@ def steer(operator: 'OperatorNode', limits: dict[str, float], report: Callable[[
     finally:
         print(file=sys.stderr)
         operator.interruptible = False
-        with suppress(RunError, ProgramError):  # a robot that is no longer steered has stopped
+        with suppress(RunError, ProgramError):  # the robot may have ended the steering itself
             report(operator.ask('control', END_STEERING))
 
 

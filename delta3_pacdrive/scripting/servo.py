@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from delta3_pacdrive.belts.synchronization import Vector
 from delta3_pacdrive.control.cycle.set_points import SetPoint, SetPointKind, SetPointStream
-from delta3_pacdrive.errors import ProgramError, RefusedError
+from delta3_pacdrive.errors import ProgramError, RefusedError, shown
 from delta3_pacdrive.scripting.link import Link
 
 
@@ -30,7 +30,7 @@ class Steering:
         names = [one.name for one in self._link.tracking.belts]
         if belt and belt not in names:
             raise ProgramError(
-                f'velocity: there is no belt {belt!r}, the belts are: {", ".join(names) or "none"}'
+                f'velocity: unknown belt {shown(belt)}, the belts are: {", ".join(names) or "none"}'
             )
         return names.index(belt) if belt else -1
 

@@ -151,7 +151,7 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
 
 
 @pytest.mark.parametrize(
-    ('key', 'value', 'told'),
+    ('key', 'value', 'expected'),
     [
         (
             'speed',
@@ -172,10 +172,10 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
         ('stream', {'part': 'box', 'count': 1, 'spacing_mm': 9}, "part is 'box', but must be one of bar"),
     ],
 )
-def test_impossible_belt_is_rejected(key, value, told):
+def test_impossible_belt_is_rejected(key, value, expected):
     with pytest.raises(CellError) as refused:
         cell_file.parse(CELL | {'belts': {'line': CELL['belts']['line'] | {key: value}}})
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_a_cell_has_at_most_as_many_belts_as_a_trace_has_columns():

@@ -42,7 +42,7 @@ def test_signals_of_a_cell_are_in_the_trace_on_request(files):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'told'),
+    ('arguments', 'expected'),
     [
         (['--one-motor', '--cell', 'cell'], '--cell cannot be combined with --one-motor'),
         (
@@ -51,10 +51,10 @@ def test_signals_of_a_cell_are_in_the_trace_on_request(files):
         ),
     ],
 )
-def test_options_incompatible_with_a_cell_are_rejected(files, arguments, told, capsys):
+def test_options_incompatible_with_a_cell_are_rejected(files, arguments, expected, capsys):
     with pytest.raises(SystemExit):
         simulate.main(['p.yaml', *arguments])
-    assert told in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_invalid_cell_gives_one_message(files, capsys):

@@ -103,7 +103,7 @@ def test_limits_of_the_block_hold(robot):
     [
         (lambda s: s.velocity(math.nan, 0.0, 0.0), 'finite'),
         (lambda s: s.position(0.0, 0.0, math.inf), 'finite'),
-        (lambda s: s.velocity(0.1, 0.0, 0.0, belt='line'), "no belt 'line'"),
+        (lambda s: s.velocity(0.1, 0.0, 0.0, belt='line'), "unknown belt 'line'"),
         (lambda s: (s.position(0.0, 0.0, -0.75), s.position(0.0, 0.0, -0.75)), 'not newer'),
     ],
 )

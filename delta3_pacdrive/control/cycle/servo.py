@@ -119,7 +119,7 @@ class Servo(Stage):
         if point.belt < len(self._belts.belts if self._belts else ()):
             reason = self._stream.take(point, now_s)
         else:
-            reason = Reason(Code.CONTENT, f'there is no belt number {point.belt}')
+            reason = Reason(Code.CONTENT, f'belt number {point.belt} does not exist')
         self.accepted += reason is None
         self.rejected += reason is not None
         return reason
