@@ -6,6 +6,8 @@
     Numbers, factors of vectors.
 """
 
+import math
+
 from delta3_pacdrive.numerics.kernel import kernel
 
 
@@ -19,6 +21,12 @@ def triple(a):
 def dot(a, b):
     """Return the scalar product of ``a`` and ``b``."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def length(a):
+    """Return the length of ``a``."""
+    return math.sqrt(dot(a, a))
 
 
 @kernel

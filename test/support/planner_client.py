@@ -25,14 +25,14 @@ class Client:
         self.cycle = 1000
         self.planner = Planner(robot, ME, None, lambda: self.cycle)
         self.now_s = 0.0
-        self.told = Status('5e55', '', 0, ME, 'idle', 'CP4', '', '', 1, HOME, 0, '', '', 0, 0, 0, 1000)
+        self.status = Status('5e55', '', 0, ME, 'idle', 'CP4', '', '', 1, HOME, 0, '', '', 0, 0, 0, 1000)
         self.number = 0
         self.say()
 
     def say(self, **facts: Any) -> bool:
         """Send a status that is newer than the last."""
-        self.told = replace(self.told, serial=self.told.serial + 1, **facts)
-        return self.planner.receive_status(self.told, self.now_s)
+        self.status = replace(self.status, serial=self.status.serial + 1, **facts)
+        return self.planner.receive_status(self.status, self.now_s)
 
     def do(self, kind: type) -> Any:
         """Take the only action of a kind."""

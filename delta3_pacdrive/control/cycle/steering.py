@@ -43,7 +43,7 @@ Arguments of the kernels here:
     Number, 0 to 1: share of the limits of acceleration and jerk, or of the speed towards a limit.
 ``least``
     Least permitted distances ``h``, ``MARGINS`` of them.
-``length``
+``most``
     Number: the maximum length of a vector, in its unit.
 """
 
@@ -62,7 +62,7 @@ from delta3_pacdrive.kinematics import (
     swing_sine,
 )
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.numerics.vector3 import combine, difference, dot, plus, triple
+from delta3_pacdrive.numerics.vector3 import combine, difference, dot, length, plus, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.limits import Limits, phase_voltage_max
 from delta3_pacdrive.planning.paths.path_dynamics import arm_motion
@@ -169,18 +169,12 @@ def root_law(error, gain, acceleration):
 
 
 @kernel
-def length_of(a):
-    """Length of a vector."""
-    return math.sqrt(dot(a, a))
-
-
-@kernel
-def shortened(a, length):
+def shortened(a, most):
     """Vector ``a``, shortened to a maximum length."""
-    own = length_of(a)
-    if own <= length:
+    own = length(a)
+    if own <= most:
         return a
-    return combine(length / own, a, 0.0, a, 0.0, a)
+    return combine(most / own, a, 0.0, a, 0.0, a)
 
 
 @kernel
@@ -237,7 +231,7 @@ def _along_limits(wanted, share, servo, task):
                 (moved[1, i] - h[i]) / PROBE_M,
                 (moved[2, i] - h[i]) / PROBE_M,
             )
-            size = length_of(slope)
+            size = length(slope)
             if not size > 0.0:
                 continue
             distance = (h[i] + s.beyond[i]) / size - INSIDE_M
@@ -268,7 +262,7 @@ def _wanted_velocity(servo):
     t, speed, forward = s.cycle_time, triple(s.goal[1]), triple(s.goal[2])
     place = combine(1.0, triple(s.goal[0]), -t, speed, 0.5 * t * t, forward)
     away = difference(place, triple(s.p))
-    distance = length_of(away)
+    distance = length(away)
     wanted = plus(speed, -t, forward)
     if distance > 0.0:
         wanted = plus(wanted, root_law(distance, POSITION_GAIN, 0.5 * s.acceleration) / distance, away)
@@ -280,7 +274,7 @@ def _acceleration_towards(wanted, forward, share, servo):
     """Next acceleration [m/s^2] towards a velocity, with the ``forward`` acceleration of the goal."""
     s = servo[0]
     off = difference(wanted, triple(s.v))
-    speed = length_of(off)
+    speed = length(off)
     aim = forward
     if speed > 0.0:
         aim = plus(forward, root_law(speed, VELOCITY_GAIN, share * s.jerk) / speed, off)
@@ -316,7 +310,7 @@ def stop_duration(v, a, servo):
         last = combine(6.0 / (duration * duration), v, 2.0 / duration, a, 0.0, v)
         kept = max(dot(first, first), dot(last, last)) <= s.jerk * s.jerk
         # the acceleration is a parabola, which may rise between two samples
-        bow = length_of(combine(12.0 / duration, v, 6.0, a, 0.0, v)) / 512.0
+        bow = length(combine(12.0 / duration, v, 6.0, a, 0.0, v)) / 512.0
         least = s.acceleration - bow
         kept = kept and least > 0.0
         rises = -6.0 / duration * dot(v, a) - 4.0 * dot(a, a) > 0.0
@@ -336,17 +330,17 @@ def stop_duration(v, a, servo):
 @kernel
 def _highest_speed(v, a, duration):
     """Highest speed [m/s] during a stop: that of its begin, or where the speed along ``v`` has its maximum."""
-    speed = length_of(v)
+    speed = length(v)
     if not speed > 0.0:
         # from rest the whole motion is due to the acceleration, and fastest after a third
-        return length_of(a) * duration * 4.0 / 27.0
+        return length(a) * duration * 4.0 / 27.0
     along = dot(v, a) / speed * duration
     if along <= 0.0:
         return speed
     square, linear = 6.0 * speed + 3.0 * along, 6.0 * speed + 4.0 * along
     u = (linear - math.sqrt(linear * linear - 4.0 * square * along)) / (2.0 * square)
     _, velocity, _ = _stop_terms(u, v, a, duration)
-    return length_of(velocity)
+    return length(velocity)
 
 
 @kernel
@@ -387,7 +381,7 @@ def _can_stop(p, v, a, servo, task):
     fastest = s.speed - 0.125 * s.jerk * step * step
     for n in range(1, STOP_SAMPLES + 1):
         way, velocity, bend = _stop_terms(n / STOP_SAMPLES, v, a, duration)
-        if length_of(velocity) > fastest:
+        if length(velocity) > fastest:
             return -1.0
         if not _is_permitted(plus(p, 1.0, way), velocity, bend, least, h, servo, task):
             return -1.0

@@ -23,8 +23,6 @@ Arguments of the kernels here:
     Holding torque of an arm with the empty plate [N m], and its increase per payload [N m/kg].
 ``payload``
     Payload [kg].
-``v``
-    Vector, shape (3,).
 ``torque``
     Available torque [N m].
 """
@@ -50,7 +48,7 @@ from delta3_pacdrive.kinematics import (
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.singular_values import singular_values
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.numerics.vector3 import combine, dot, plus, triple
+from delta3_pacdrive.numerics.vector3 import combine, dot, length, plus, triple
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Parameters
 from delta3_pacdrive.planning.limits.limits import Limit, arm_bounds, highest_motor_speed, workspace_bounds
 
@@ -106,16 +104,10 @@ def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) 
 
 
 @kernel
-def _length(v):
-    """Length of a vector, in its unit."""
-    return math.sqrt(dot(v, v))
-
-
-@kernel
 def _acceleration(row, column, weight, lift, payload, torque):
     """Acceleration [m/s^2] in every direction that an arm's torque allows; 0 if it cannot hold the arm."""
     room = torque - abs(weight + payload * lift)
-    return max(room, 0.0) / _length(plus(row, payload, column))
+    return max(room, 0.0) / length(plus(row, payload, column))
 
 
 @kernel
@@ -184,7 +176,7 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
         apart = 0.0
         for second in (-1.0, 1.0):
             for third in (-1.0, 1.0):
-                apart = max(apart, _length(combine(1.0, j[0], second, j[1], third, j[2])))
+                apart = max(apart, length(combine(1.0, j[0], second, j[1], third, j[2])))
         out[n, 14] = d.increment * apart
 
 

@@ -158,10 +158,7 @@ class OperatorServices:
             reason = self._control.take(operator, action == TAKE_OVER, time.monotonic())
         if reason is not None:
             return reason
-        if (
-            self._state.motion is MotionState.STEERED
-            and (self._steered_by or action == TAKE_OVER) != identity
-        ):
+        if self._state.motion is MotionState.STEERED and self._steered_by != identity:
             self._state.end_steering()
         self._publish_control()
         return 'control released' if action == RELEASE else f'{name} has control'

@@ -41,7 +41,7 @@ def run_slowly(client: Client, to_m: float) -> Timeline:
     client.say(state='moving', order=ordered.number)
     timeline = Timeline(Plan.of(ordered.moves), client.robot.bus.cycle_time_s)
     timeline.start(client.cycle, 1.0)
-    client.follow(timeline.profile, client.told.order)
+    client.follow(timeline.profile, client.status.order)
     client.cycle += 50
     return timeline
 

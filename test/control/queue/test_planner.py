@@ -86,14 +86,14 @@ def test_result_for_another_client_is_ignored(change: dict[str, Any], client: Cl
 
 
 def test_a_status_that_is_played_back_changes_nothing(client: Client) -> None:
-    old = client.told
+    old = client.status
     client.say(state='moving')
     assert not client.planner.receive_status(old, client.now_s)
     assert client.planner.motion == 'moving'
 
 
 def test_another_master_is_accepted_when_the_present_one_is_silent(client: Client) -> None:
-    other = replace(client.told, session='beef', state='error', serial=1)
+    other = replace(client.status, session='beef', state='error', serial=1)
     client.now_s += MASTER_SILENT_S - 0.1
     assert not client.planner.receive_status(other, client.now_s)
     assert client.planner.motion == 'idle'

@@ -114,7 +114,7 @@ def test_moves_may_be_written_as_one_as_a_list_as_a_program_or_by_name(
     text: str, statements: int, robot
 ) -> None:
     client = Client(robot)
-    client.say(tcp_m=(-0.1525, 0.0, -0.85) if not statements else client.told.tcp_m, located=2)
+    client.say(tcp_m=(-0.1525, 0.0, -0.85) if not statements else client.status.tcp_m, located=2)
     client.ask('move', text, operator='')
     client.plan()
     started = [action for action in client.planner.actions if hasattr(action, 'moves')]

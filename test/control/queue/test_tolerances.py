@@ -130,7 +130,7 @@ def test_goal_is_not_monitored_without_a_goal_time(robot, timeline):
 def driven(robot):
     """Return a client whose planner monitors tolerances and executes a trajectory, in bus time."""
     client = Client(robot)
-    client.planner = Planner(robot, client.told.planner, None, lambda: client.cycle, TIGHT)
+    client.planner = Planner(robot, client.status.planner, None, lambda: client.cycle, TIGHT)
     client.say()
     angles = (kinematics.inverse(HOME, robot.kinematics) + 0.2).tolist()
     point = {'time_s': 1.0, 'angles_rad': angles, 'speeds_rad_s': [0, 0, 0]}
@@ -246,7 +246,7 @@ class Robot:
 
     def end(self):
         self.client.cycle = self.timeline.end_cycle
-        self.client.say(state='idle', cycle=self.timeline.end_cycle, located=self.client.told.located + 1)
+        self.client.say(state='idle', cycle=self.timeline.end_cycle, located=self.client.status.located + 1)
 
 
 @pytest.mark.parametrize(

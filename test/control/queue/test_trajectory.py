@@ -172,7 +172,7 @@ def test_moving_robot_accepts_no_other_trajectory(client, robot):
 
 def test_empty_trajectory_cancels_the_active_order(client):
     client.run()
-    number = client.told.order
+    number = client.status.order
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     assert client.do(Revoked).number == number
     assert client.none(Replied)  # it is only asked for
