@@ -29,11 +29,15 @@ class Entered:
 
 @dataclass(frozen=True)
 class Replied:
-    """Reply to a request: rejected with a reason, or done, with a description."""
+    """Reply to a request: rejected with a reason, or done, with a description.
+
+    A ``routine`` reply, one of a stream of requests, is not logged.
+    """
 
     request: Any
     reason: Reason | None
     sentence: str
+    routine: bool = False
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,7 @@ def _rejection(operator: str, number: int, code: Code, sentence: str) -> Reply:
 class Origin:
     """Label of a row on ``motion/plan`` or ``motion/change``."""
 
-    kind: str  # ORDER, EXACT, EXTEND, FAULT, REVOKE, PROFILE, or the kind of a move
+    kind: str  # ORDER, EXACT, SMOOTHED, REPLACEMENT, EXTEND, FAULT, REVOKE, PROFILE, or the kind of a move
     planner: str  # identity of the sender
     session: str  # of the bus
     number: int  # of the order or change, counted by the planner
@@ -213,7 +213,9 @@ class Origin:
 
 ORDER, EXTEND, FAULT, REVOKE, PROFILE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
 EXACT = 'EXACT'  # an order that starts in its bus cycle or is rejected
-ORDERS = (ORDER, EXACT)
+SMOOTHED = 'SMOOTHED'  # an order of a plan that may jump: the robot follows it within its limits
+REPLACEMENT = 'REPLACEMENT'  # such an order that begins in its bus cycle instead of the running plan
+ORDERS = (ORDER, EXACT, SMOOTHED, REPLACEMENT)
 LAST = (*ORDERS, EXTEND)  # rows that end a plan
 ACCEPTED = ''  # code of an acceptance
 # requests of operators to the transformation task

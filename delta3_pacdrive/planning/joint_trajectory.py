@@ -15,6 +15,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import OVERRIDE_MAX
 from delta3_pacdrive.planning.limits.limits import legal_coefficients, legal_tcp
 from delta3_pacdrive.planning.limits.violations import limit_violation
 from delta3_pacdrive.planning.paths.joint_path import tcp_samples
@@ -76,8 +77,14 @@ class JointTrajectory:
         return np.asarray(after - before)
 
 
-def joint_trajectory(points: Sequence[JointPoint], start_rad: Floats) -> JointTrajectory:
-    """Interpolate points, starting from the current arm angles.
+def at_rest(angles_rad: Floats) -> JointPoint:
+    """Return the start of a trajectory at rest."""
+    first, second, third = angles_rad.tolist()
+    return JointPoint(0.0, (first, second, third), NOWHERE, NOWHERE)
+
+
+def joint_trajectory(points: Sequence[JointPoint], start: JointPoint) -> JointTrajectory:
+    """Interpolate points, beginning with a start at time 0.
 
     Raises
     ------
@@ -86,17 +93,16 @@ def joint_trajectory(points: Sequence[JointPoint], start_rad: Floats) -> JointTr
 
     """
     knots = list(points)
-    start = (float(start_rad[0]), float(start_rad[1]), float(start_rad[2]))
     if knots[0].time_s > 0.0:
-        knots.insert(0, JointPoint(0.0, start, NOWHERE, NOWHERE))
+        knots.insert(0, start)
     else:
-        for axis, (angle, actual) in enumerate(zip(knots[0].angles_rad, start, strict=True)):
+        for axis, (angle, actual) in enumerate(zip(knots[0].angles_rad, start.angles_rad, strict=True)):
             if not abs(angle - actual) <= START_TOLERANCE_RAD:
                 raise ProgramError(
                     f'point 1 at time 0 has arm {axis + 1} at {angle:.6g} rad, but its angle is {actual:.6g} rad, '
                     f'the limit of the difference is {START_TOLERANCE_RAD:g} rad'
                 )
-        knots[0] = replace(knots[0], angles_rad=start)
+        knots[0] = replace(knots[0], angles_rad=start.angles_rad)
     first = 0 if len(knots) > len(points) else 1
     times = np.array([knot.time_s for knot in knots])
     if len(knots) < 2:
@@ -159,8 +165,12 @@ def plan_joints(
     name: str,
     parameters: Parameters,
     returning: bool = False,
+    smoothed_from: JointPoint | None = None,
 ) -> PlannedMove:
     """Interpolate points and check all limits; the trajectory is never slowed down.
+
+    A trajectory with ``smoothed_from`` begins with that point, and only its positions are checked: the transformation
+    task follows it within the limits of the motors.
 
     Raises
     ------
@@ -168,7 +178,8 @@ def plan_joints(
         A limit is exceeded; states quantity, arm or motor, value, limit and point.
 
     """
-    path = joint_trajectory(points, kinematics.inverse(start_m, parameters.kinematics))
+    start = smoothed_from or at_rest(kinematics.inverse(start_m, parameters.kinematics))
+    path = joint_trajectory(points, start)
     times = path.sample_times()
     where = path.where(times)
     angles = sample_path(times, path.segments)
@@ -191,6 +202,18 @@ def plan_joints(
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, 1.0
     d = timed_dynamics(times, master, samples, coefficients, parameters)
+    stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
+    move = Move(
+        MoveKind.JOINTS,
+        master=np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [path.duration_s, path.duration_s, 0.0, 0.0, 0.0]]),
+        segments=path.segments,
+        stop_acceleration=stop,
+        payload_kg=payload_kg,
+        kinematics=parameters.kinematics,
+    )
+    load = thermal_load(d, np.gradient(times), path.duration_s, parameters)
+    if smoothed_from is not None:
+        return PlannedMove(move, replace(load, override_max=OVERRIDE_MAX), name)
     found = limit_violation(d, parameters, where=place)
     if found.worst > KEPT:
         raise ProgramError(found.text)
@@ -205,16 +228,6 @@ def plan_joints(
     found = limit_violation(jumps, parameters, where=jump)
     if found.worst > KEPT:
         raise ProgramError(f'{found.text}; between points with speeds there is no jump')
-    stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
-    move = Move(
-        MoveKind.JOINTS,
-        master=np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [path.duration_s, path.duration_s, 0.0, 0.0, 0.0]]),
-        segments=path.segments,
-        stop_acceleration=stop,
-        payload_kg=payload_kg,
-        kinematics=parameters.kinematics,
-    )
-    load = thermal_load(d, np.gradient(times), path.duration_s, parameters)
     # the override increases the jumps as well
     room = thermal_load(jumps, np.zeros(len(jumps.time_s)), path.duration_s, parameters).override_max
     return PlannedMove(move, replace(load, override_max=min(load.override_max, room)), name)

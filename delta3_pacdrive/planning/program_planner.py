@@ -19,6 +19,7 @@ from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.planned_move import PlannedMove, grouped, key_of_kept_time, with_timed
 from delta3_pacdrive.planning.program.model import (
     Cubic,
+    JointPoint,
     Joints,
     PathMove,
     Program,
@@ -80,6 +81,7 @@ def plan(
     before: ThermalLoad | None = None,
     arches: Arches | None = None,
     turns_rad: Sequence[float] = (),
+    smoothed_from: JointPoint | None = None,
 ) -> Planned:
     """Plan and check every move of a program for a robot at ``position_m``.
 
@@ -87,7 +89,8 @@ def plan(
     may be appended later: the last move may have a blend, and ends exactly until then. ``progress`` is called before
     each statement with the numbers of planned statements and of all. ``before`` is the load of moves that precede the
     program; it counts in the rms current. ``arches`` caches arch shapes of this robot. ``turns_rad`` are the angles of
-    the rotary axes (default: those at the start of the program, or their home angles).
+    the rotary axes (default: those at the start of the program, or their home angles). ``smoothed_from`` is the start
+    of a trajectory that the robot follows within its limits (see ``joint_trajectory.plan_joints``).
 
     Raises
     ------
@@ -106,6 +109,7 @@ def plan(
         open_end=open_end,
         progress=progress,
         arches={} if arches is None else arches,
+        smoothed_from=smoothed_from,
     )
 
     def rounds(heat: float) -> _Rounds:

@@ -36,6 +36,7 @@ from delta3_pacdrive.planning.program.model import (
     Arch,
     Cubic,
     Dwell,
+    JointPoint,
     Joints,
     Output,
     PathMove,
@@ -83,6 +84,7 @@ class PlanRequest:
     open_end: bool = False  # whether moves may be appended later
     progress: Callable[[int, int], None] | None = None
     arches: Arches = field(default_factory=dict)
+    smoothed_from: JointPoint | None = None  # start of its only statement, a trajectory that is smoothed
 
 
 class RoundPlanner:
@@ -355,6 +357,7 @@ class RoundPlanner:
                 name=name,
                 parameters=self._parameters,
                 returning=self._returning,
+                smoothed_from=self._request.smoothed_from,
             )
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)

@@ -173,7 +173,7 @@ def _call_all(parameters: Parameters) -> None:
     _precompile_drive(parameters)
     _stand(parameters)
     _precompile_joints(parameters)
-    task.servo.precompile()
+    task.servo.precompile(task.timeline)
     task.hold()
     robot.drives[0].phase_currents()
 
@@ -217,7 +217,7 @@ def _precompile_task(parameters: Parameters) -> None:
     check_speed(task.timeline.plan.move(0), 1.0, parameters)
     task.command(0)
     task.receive(0, np.zeros(3), np.zeros(3))
-    task.servo.precompile()
+    task.servo.precompile(task.timeline)
     _precompile_joints(parameters)
 
 

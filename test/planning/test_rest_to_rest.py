@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.planning.joint_trajectory import joint_trajectory
+from delta3_pacdrive.planning.joint_trajectory import at_rest, joint_trajectory
 from delta3_pacdrive.planning.paths.path import sample_path
 from delta3_pacdrive.planning.program import file_reader
 from delta3_pacdrive.planning.program.model import JointPoint
@@ -24,7 +24,7 @@ ROUNDING_S = 1e-9
 def samples(speed: float, acceleration: float) -> tuple[Any, Any]:
     """Return times [s] and angles with their derivatives of a motion by WAY."""
     points = joint_points(START, START + WAY, *joint_ramps(0.3, speed, acceleration))
-    path = joint_trajectory([JointPoint(**point) for point in points], START)
+    path = joint_trajectory([JointPoint(**point) for point in points], at_rest(START))
     times = np.linspace(0.0, path.duration_s, 2001)
     return times, sample_path(times, path.segments)
 

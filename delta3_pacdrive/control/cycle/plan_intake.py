@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.control.messages import EXACT, EXTEND, FAULT, LAST, REVOKE, Numbering, Origin
+from delta3_pacdrive.control.messages import (
+    EXACT,
+    EXTEND,
+    FAULT,
+    LAST,
+    REPLACEMENT,
+    REVOKE,
+    SMOOTHED,
+    Numbering,
+    Origin,
+)
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX, OVERRIDE_MIN
@@ -28,7 +38,8 @@ NUMBERS_MAX = 20_000_000  # in all moves of a plan: 160 MB
 class Order:
     """Order of a plan from a bus cycle on (-1: as soon as possible) at an override.
 
-    An ``exact`` order starts in that cycle or is rejected; any other one may start later.
+    An ``exact`` order starts in that cycle or is rejected; any other one may start later. The robot follows a
+    ``smoothed`` plan within its limits. A plan that ``replaces`` the running one is smoothed as well.
     """
 
     plan: Plan
@@ -36,6 +47,8 @@ class Order:
     override: float
     faults: tuple[Fault, ...]
     exact: bool = False
+    smoothed: bool = False
+    replaces: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,9 +125,9 @@ class PlanIntake:
         return min(check_speed(move, override, self._robot), check_turn(move, override, self._robot))
 
     def _ended(self, kind: str, row: Any) -> Order | MoreMoves:
-        return self._more(row) if kind == EXTEND else self._order(row, kind == EXACT)
+        return self._more(row) if kind == EXTEND else self._order(row, kind)
 
-    def _order(self, row: Any, exact: bool) -> Order:
+    def _order(self, row: Any, kind: str) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError(
                 'the order of a plan must be whole numbers after a start cycle and an override'
@@ -122,6 +135,8 @@ class PlanIntake:
         cycle, override = row[:ORDER_HEADER].tolist()
         if cycle % 1.0:
             raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is not a whole number')
+        if kind == REPLACEMENT and cycle < 0.0:
+            raise ProgramError(f'a replacement starts in bus cycle {cycle:g}, but must be 0 or later')
         if not OVERRIDE_MIN <= override <= OVERRIDE_MAX:
             raise ProgramError(
                 f'the override of an order is {override:g}, but must be between {OVERRIDE_MIN:g} and {OVERRIDE_MAX:g}'
@@ -133,7 +148,15 @@ class PlanIntake:
             self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], override)
         # a move that starts beyond the limits can only be the first one, and only once
         self._builder.require_joined(numbers)
-        return Order(self._builder.build(numbers), cycle, override, tuple(self._faults), exact)
+        return Order(
+            self._builder.build(numbers),
+            cycle,
+            override,
+            tuple(self._faults),
+            exact=kind == EXACT or (kind == SMOOTHED and cycle >= 0.0),
+            smoothed=kind == SMOOTHED,
+            replaces=kind == REPLACEMENT,
+        )
 
     def _more(self, row: Any) -> MoreMoves:
         extension = Row.from_array(row)

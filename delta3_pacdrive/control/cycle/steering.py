@@ -146,17 +146,21 @@ def servo_record(parameters: Parameters, limits: Limits) -> NDArray[Any]:
 
 
 @kernel
-def begin_at(p, servo, task):
-    """Begin at rest at a position."""
+def begin_at(p, v, a, servo, task):
+    """Begin at a state; limits of the position that the stop from it violates hold again once they are respected."""
     s = servo[0]
-    for axis in range(3):
-        s.p[axis] = s.stop[0, axis] = p[axis]
-        s.v[axis] = s.a[axis] = s.stop[1, axis] = s.stop[2, axis] = 0.0
-    s.mode, s.stop_duration, s.stop_time, s.held_back = STOPPING, 0.0, 0.0, 0
+    _take(p, v, a, servo)
+    s.mode, s.held_back = STOPPING, 0
+    begin_stop(servo)
     h = np.empty(MARGINS)
-    position_margins(p, h, servo, task)
-    for i in range(MARGINS):
-        s.beyond[i] = max(-h[i], 0.0)
+    for n in range(STOP_SAMPLES + 1):
+        way = (0.0, 0.0, 0.0)
+        if s.stop_duration > 0.0:
+            way, _, _ = _stop_terms(n / STOP_SAMPLES, v, a, s.stop_duration)
+        position_margins(plus(p, 1.0, way), h, servo, task)
+        for i in range(MARGINS):
+            beyond = max(-h[i], 0.0)
+            s.beyond[i] = beyond if n == 0 else max(s.beyond[i], beyond)
 
 
 @kernel

@@ -35,6 +35,7 @@ from delta3_pacdrive.kinematics import arm_angles, plate_position
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import combine, triple
 from delta3_pacdrive.planning.execution import profile_at
+from delta3_pacdrive.planning.paths.joint_path import plate_motion
 from delta3_pacdrive.planning.paths.path_dynamics import arm_motion
 from delta3_pacdrive.planning.plan import plan_motion_at, plan_path_at
 from delta3_pacdrive.robot.motor import friction_torque
@@ -87,6 +88,20 @@ def command_cycle(cycle, task, timeline, corrections):
 
 
 @kernel
+def planned_motion(cycle, task, timeline):
+    """Position [m], velocity [m/s] and acceleration [m/s^2] of the TCP in a cycle by the plan, without offset."""
+    profile, tables = timeline.profile[0], timeline.tables
+    time = (cycle - profile.cycle) * task[0].constants.cycle_time
+    number, distance, v, a = profile_at(max(time, 0.0), 0, timeline)
+    place, first, second = plan_motion_at(distance, number, tables)
+    velocity = (first[0] * v, first[1] * v, first[2] * v)
+    bend = combine(a, first, v * v, second, 0.0, second)
+    if tables.moves[tables.order[number]].joints == 1:
+        return plate_motion((place, velocity, bend), task[0].geometry)
+    return place, velocity, bend
+
+
+@kernel
 def is_over(cycle, s, profile):
     """Whether a program has ended in a cycle, other than by a stop; ``profile`` is that of the timeline."""
     return cycle >= s.end_cycle and profile.held == 0
@@ -123,15 +138,18 @@ def _motion_of(master, runs, lead, theta, task, tables):
         place, first, second = plan_motion_at(distance, number, tables)
         velocity = (first[0] * v, first[1] * v, first[2] * v)
         bend = combine(a, first, v * v, second, 0.0, second)
+        of_arms = tables.moves[tables.order[number]].joints == 1
         if s.tracks == 0:
-            if tables.moves[tables.order[number]].joints == 1:
+            if of_arms:
                 return place, velocity, bend
             theta = arm_angles(place, g)
             speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
             return theta, speed, acceleration
+        if of_arms:
+            place, velocity, bend = plate_motion((place, velocity, bend), g)
     if s.tracks == 0:
         return theta, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    # on a belt: motion of the plan plus that of the belt offset
+    # with an offset from the plan, as on a belt: motion of the plan plus that of the offset
     along, speed, more = triple(s.offset[0]), triple(s.offset[1]), triple(s.offset[2])
     place = combine(1.0, place, 1.0, along, lead, combine(1.0, speed, 0.5 * lead, more, 0.0, more))
     velocity = combine(1.0, velocity, 1.0, speed, lead, more)

@@ -124,7 +124,7 @@ class Transformation:
         self._schedule = Schedule(
             {
                 Event.PROFILE: lambda _, profile: self._follow(profile),
-                Event.PLAN: lambda _, pending: self._switch_plan(*pending),
+                Event.PLAN: lambda cycle, pending: self._switch_plan(cycle, *pending),
                 Event.STOP: self._stop,
                 Event.EXACT_STOP: self._begin_wait,
                 Event.DISABLE: lambda *_: self.disable(),
@@ -140,7 +140,7 @@ class Transformation:
         self.rotary = tuple(RotaryAxis(parameters, number) for number in range(axes - ARMS))
         for axis in self.rotary:
             axis.precompile(record, self.timeline)
-        self.servo = Servo(parameters, record, self._collect_stages)
+        self.servo = Servo(parameters, record, self._servo_changed)
         self.follow_belts(())
         # first cycle that counts for the figures of the program, and the first after those
         self._measured = NEVER, NEVER
@@ -152,6 +152,11 @@ class Transformation:
         """Use these belts from now on and discard all earlier belt state."""
         self.tracking = BeltStage(self._parameters, belts, self.state, self._stop_off_belt)
         self._collect_stages()
+
+    def _servo_changed(self) -> None:
+        """Call the servo stage while it is active."""
+        self._collect_stages()
+        self._mark_measured()
 
     def _collect_stages(self) -> None:
         belts, steering = (
@@ -224,8 +229,11 @@ class Transformation:
         """Raise ProgramError if the plan starts at another tool angle, or turns a tool that does not exist."""
         require_turns(self.rotary, plan)
 
-    def start(self, cycle: int, override: float = 1.0) -> int:
-        """Start the loaded program at a future cycle; return the first cycle in which the TCP is at its end."""
+    def start(self, cycle: int, override: float = 1.0, smoothed: bool = False) -> int:
+        """Start the loaded program at a future cycle; return the first cycle in which the TCP is at its end.
+
+        A ``smoothed`` plan may jump: the servo stage follows it.
+        """
         if not self.loaded:
             raise RunError('no program is loaded')
         if cycle < self.next_cycle:
@@ -241,6 +249,8 @@ class Transformation:
         self._mark_measured()
         for stage in self._stages:
             stage.start(self.timeline)
+        if smoothed:
+            self.servo.smooth(cycle, self.timeline)
         return self.end_cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
@@ -250,7 +260,7 @@ class Transformation:
         """
         cycle = max(self.next_cycle, self.timeline.start_cycle)
         if cycle >= self._schedule.cycles[Event.PLAN]:
-            self._switch_plan(*self._schedule.contents[Event.PLAN])
+            self._switch_plan(cycle, *self._schedule.contents[Event.PLAN])
         self._schedule.cancel(Event.PROFILE, Event.PLAN)
         profile = self.timeline.stop(cycle, acceleration_m_s2)
         self._follow(profile)
@@ -336,13 +346,30 @@ class Transformation:
             self.require_turns(longer)
         self._schedule.set(Event.PLAN, profile.cycle, (timeline.extended(longer, profile), first))
 
+    def replace(self, plan: Plan, cycle: int, override: float) -> None:
+        """Follow another plan that begins in a cycle, smoothed, instead of the running one; raises ProgramError.
+
+        A plan that has begun already is joined in progress.
+        """
+        timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        timeline.start(cycle, override)
+        first = max(cycle, self.next_cycle)
+        if first >= timeline.end_cycle:
+            raise ProgramError(f'its last bus cycle {timeline.end_cycle} is over, the next one is {first}')
+        if first <= self._schedule.cycles[Event.PROFILE] < NEVER:
+            raise ProgramError('the override changes in a later cycle')
+        self._schedule.set(Event.PLAN, first, (timeline, self.moves))
+
     @property
     def extending(self) -> bool:
         """Whether an extended plan is pending."""
         return self._schedule.cycles[Event.PLAN] < NEVER
 
-    def _switch_plan(self, timeline: Timeline, left_out: int) -> None:
-        """Follow an extended plan, which omits the first ``left_out`` moves of the present one."""
+    def _switch_plan(self, cycle: int, timeline: Timeline, left_out: int) -> None:
+        """Follow an extended plan, which omits the first ``left_out`` moves of the present one, or all of them."""
+        if left_out == self.moves:
+            self.servo.smooth(cycle, timeline, self.timeline)
+            self.state['move'], self.state['event'] = left_out, 0
         self.timeline = timeline
         self.state['move'] -= left_out
         self.state['end_cycle'] = timeline.end_cycle

@@ -204,6 +204,8 @@ class Orders:
         disagreement = None if origin.planner == self.script else self._watch.disagreement()
         if disagreement is not None:
             return Reason(Code.CONTENT, f'it was planned for another robot: {disagreement}')
+        if order.replaces:
+            return self._replace(origin, order)
         before, self._planner = self._planner, origin.planner
         reason = self._state.start(order)
         if reason is not None:
@@ -213,6 +215,17 @@ class Orders:
         self._driven = {origin.number}
         self._report('plan', origin, cycle=self._state.starts)
         return None
+
+    def _replace(self, origin: Origin, order: Order) -> Reason | None:
+        if origin.planner != self._planner:
+            return Reason(Code.STATE, 'the running program is not one of this planner')
+
+        def report(reason: Reason | None, _: str) -> None:
+            if reason is None:
+                self._order, self._driven = origin.number, {origin.number}
+            self._report('plan', origin, reason)
+
+        return self._state.replace(order, report)
 
     def _extend(self, origin: Origin, order: MoreMoves) -> Reason | None:
         taken_back = (origin.planner, origin.number) in self._revoked

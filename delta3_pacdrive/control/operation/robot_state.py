@@ -177,7 +177,7 @@ class RobotState:
         self._task.load(order.plan)
         self.finished = False
         self.starts = max(int(order.cycle), self._earliest(order))
-        self._task.start(self.starts, order.override)
+        self._task.start(self.starts, order.override, order.smoothed)
         self._follow()
         if order.faults:
             self.actions.append(Injected(order.faults, self.starts))
@@ -215,7 +215,7 @@ class RobotState:
             return Reason(Code.CONTENT, sentence)
         position = self._task.state['planned'][0]  # excluding the belt offset
         away = float(sum((order.plan.start_m() - position) ** 2)) ** 0.5
-        if away > STANDING_M:
+        if away > STANDING_M and not order.replaces:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from the position of the robot')
         try:
             self._task.require_turns(order.plan)
@@ -271,8 +271,8 @@ class RobotState:
             return Reason(Code.LATE, f'{over}: the robot cannot get on its belt again')
         return None
 
-    def _checked_profile(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
-        """Return the profile for a future bus cycle, or why it cannot be followed now."""
+    def _change_refusal(self, event: Event) -> Reason | None:
+        """Return why the running program cannot be changed now, None if it can."""
         reason = self._event_refusal(event)
         if reason is None and self._aborting:
             reason = Reason(Code.STATE, 'the program is being aborted')
@@ -280,6 +280,11 @@ class RobotState:
             reason = Reason(Code.DISABLED, ENABLE_FIRST)
         if reason is None and self._task.extending:
             reason = Reason(Code.STATE, 'appended moves are still pending')
+        return reason
+
+    def _checked_profile(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
+        """Return the profile for a future bus cycle, or why it cannot be followed now."""
+        reason = self._change_refusal(event)
         if reason is not None:
             return reason
         if self.motion == MotionState.STOPPED:
@@ -309,14 +314,31 @@ class RobotState:
         self._enter(Event.EXTEND)
         return None
 
+    def replace(self, order: Order, report: Callback) -> Reason | None:
+        """Replace the running plan; return the reason if rejected, else call ``report`` as ``extend`` does."""
+        if self.motion is not MotionState.MOVING or not self._task.tracking.free:
+            # the planner waits for the end of the running program and tries again
+            return Reason(Code.LATE, f'{motion_sentence(self.motion)}: no running plan can be replaced')
+        reason = self._change_refusal(Event.CHANGE) or self._content_refusal(order)
+        if reason is not None:
+            return reason
+        try:
+            self._task.replace(order.plan, int(order.cycle), order.override)
+        except ProgramError as error:
+            return Reason(Code.LATE, str(error))
+        self._extending = self._task.extensions, report
+        self.ends, self._due = self._task.pending_last_cycle, NEVER
+        self._enter(Event.CHANGE)
+        return None
+
     def _update_extension(self) -> None:
-        """Report the outcome of appended moves once it is known."""
+        """Report the outcome of appended moves or of a replacement once it is known."""
         if self._extending is None or self._task.extending:
             return
         (before, report), self._extending = self._extending, None
         reason = None
         if self._task.extensions == before:
-            reason = Reason(Code.LATE, 'the robot was stopped before the appended moves took effect')
+            reason = Reason(Code.LATE, 'the robot was stopped before the new plan took effect')
         else:
             self._publish_profile()
         self.actions.append(Replied(report, reason, ''))
@@ -407,12 +429,22 @@ class RobotState:
             self._update_belt(cycle)
         if self.motion is MotionState.STEERED and not task.servo.active:
             self._end(Event.END, cycle)
-        if cycle >= self._due:
+        if task.servo.smooths and not task.extending:
+            self._update_smoothed()
+        if cycle >= self._due and not (task.servo.smooths and not task.servo.stands):
             self._due = NEVER
             if self._aborting:
                 self._end(Event.CLEAR, cycle)
             elif task.held:
                 self._enter(Event.REST)
+
+    def _update_smoothed(self) -> None:
+        """Let a program last until its robot is on the plan; abort one that cannot reach its end."""
+        if self.ends < NEVER:
+            self.ends = self._task.last_cycle
+        if self._task.servo.stalled and self.motion is MotionState.MOVING and not self._aborting:
+            self.actions.append(Logged('a limit keeps the robot from the end of its plan', error=True))
+            self.abort()
 
     def _update_belt(self, cycle: int) -> None:
         """Locate the robot when it no longer follows a belt."""

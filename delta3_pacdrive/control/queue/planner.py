@@ -15,7 +15,16 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.control.actions import Entered, PlannerAction, Revoked
-from delta3_pacdrive.control.messages import Numbering, Origin, Request, Status, Verdict
+from delta3_pacdrive.control.messages import (
+    EXACT,
+    ORDER,
+    SMOOTHED,
+    Numbering,
+    Origin,
+    Request,
+    Status,
+    Verdict,
+)
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.queue.planning_job import Job, Result
@@ -40,10 +49,12 @@ from delta3_pacdrive.control.queue.program_run import (
 )
 from delta3_pacdrive.control.queue.request_service import LOST_CONTROL, WITHDRAWN, RequestService
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch
-from delta3_pacdrive.control.queue.trajectory import SOON, TrajectoryRequest, TrajectoryWatch
+from delta3_pacdrive.control.queue.trajectory import SOON, Replacement, TrajectoryRequest, TrajectoryWatch
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
+from delta3_pacdrive.kinematics import inverse
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.joint_trajectory import at_rest
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned
 
@@ -98,9 +109,12 @@ class Planner:
         self._mirrored: MotionState | None = None
         self._queue = ProgramQueue(program)
         self._planning = Planning(self._queue, self._act)
-        self._change = change = ProgramChange(run, newest_cycle)
+        self._change = change = ProgramChange(run, newest_cycle, requests)
         self._override = Override(change, task, requests)
         self._appended = AppendedMoves(change, task, requests, self._planning, self._plan_moves)
+        self._replacement = Replacement(
+            change, task, requests, self._planning, (self._follow_trajectory, self._begin_run)
+        )
         watch = ToleranceWatch(tolerances, parameters)
         self.trajectory = TrajectoryWatch(watch, run, task, self._tracker, self._act)
         self._stopping = StopRequest()
@@ -150,18 +164,14 @@ class Planner:
         elif before is not None and status.losses != before.losses and not self._autostart:
             # the operator of the queued program has lost control
             self._clear_queue(LOST_CONTROL)
-            self._appended.handle_control_loss()
+            self._change.handle_control_loss()
             if before.operator not in ('', status.operator):
                 self._requests.handle_control_loss(before.operator, lambda: self._cancel(LOST_CONTROL))
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
                 self._end_order(None)  # the verdict was lost
-        if (
-            self._change.is_sent_by(self._appended)
-            and self.listened_to
-            and status.order >= self._change.number
-        ):
+        if self._change.orders and self.listened_to and status.order >= self._change.number:
             self._change.take_verdict(None)  # the verdict was lost
         if self.motion == MotionState.ERROR:
             self._handle(RunEvent.FAIL)
@@ -249,21 +259,26 @@ class Planner:
         if reason is not None and reason.code == Code.FOREIGN and (again := self._run.renumber()):
             self.actions.extend(again)
             return
-        order, request = self._run.order, self._requests.serving
+        order = self._run.order
         if reason is None:
             self._queue.clear()
-            self._tracker.abort(Reason(Code.STATE, 'another program was started'))
-            if order is not None and order.queued is not None:
-                if order.own and request is not None:
-                    self._tracker.queue(request.identity, order.own)
-                self._tracker.start(order.queued.ends)
-            self.trajectory.cancel(SUPERSEDED)
-            self.trajectory.begin(
-                request.identity if request is not None else '',
-                order.tolerances if order is not None else None,
-            )
+            self._begin_run(order)
         self._handle(RunEvent.REJECT if reason else RunEvent.ACCEPT)
         self._reply(reason or (order.sentence if order else ''))
+
+    def _begin_run(self, order: Order | None) -> None:
+        """Begin to supervise an accepted order of the request being served, which ends the program before it."""
+        request = self._requests.serving
+        self._tracker.abort(Reason(Code.STATE, 'another program was started'))
+        if order is not None and order.queued is not None:
+            if order.own and request is not None:
+                self._tracker.queue(request.identity, order.own)
+            self._tracker.start(order.queued.ends)
+        self.trajectory.cancel(SUPERSEDED)
+        self.trajectory.begin(
+            request.identity if request is not None else '',
+            order.tolerances if order is not None else None,
+        )
 
     def _revoke_order(self, reason: Reason) -> None:
         self._handle(RunEvent.REVOKE)
@@ -431,10 +446,16 @@ class Planner:
     # trajectories -----------------------------------------------------------------------------------------------------
 
     def _follow_trajectory(self, request: Request) -> None:
-        """Plan a trajectory, which then starts automatically; one without points stops the running program."""
+        """Plan a trajectory, which then starts automatically; one without points stops the running program.
+
+        While a trajectory runs, the new one replaces it.
+        """
         trajectory = TrajectoryRequest.from_json(request.text)
         if not trajectory.points:
             self._stop()
+            return
+        if self._replacement.applies:
+            self._replacement.begin(request, trajectory)
             return
         start_m = self.require_idle('a trajectory')
         cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
@@ -446,10 +467,16 @@ class Planner:
                 raise rejected(
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
-            tolerances = trajectory.tolerances
-            self._launch(result, start_cycle=cycle, exact=cycle != SOON, tolerances=tolerances)
+            kind = SMOOTHED if result.smoothed else ORDER if cycle == SOON else EXACT
+            self._launch(result, start_cycle=cycle, kind=kind, tolerances=trajectory.tolerances)
 
-        self._planning.begin(launch, start_m, document=program)
+        start = at_rest(inverse(start_m, self._robot.kinematics))
+        self._planning.begin(launch, start_m, document=program, smoothed_from=start)
+
+    def require_trajectory(self) -> None:
+        """Raise RefusedError unless a trajectory could be taken now."""
+        if not self._replacement.applies:
+            self.require_idle('a trajectory')
 
     def require_idle(self, what: str) -> Floats:
         """Return the TCP position [m]; raises RefusedError unless ``what`` can begin now, with an empty queue."""

@@ -13,7 +13,7 @@ from delta3_pacdrive.planning.adapted_program import adapted
 from delta3_pacdrive.planning.extension import Splice
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.adaptation import Adaptation
-from delta3_pacdrive.planning.program.model import Point, Program
+from delta3_pacdrive.planning.program.model import JointPoint, Joints, Point, Program
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
 
@@ -36,6 +36,8 @@ class Job:
     rounded: bool = True  # whether the corner before appended moves may be rounded
     turns_rad: tuple[float, ...] = ()  # angles of the rotary axes before the first move
     document: Any = None  # content of the text if it is parsed already, as from YAML
+    # start of a trajectory that is smoothed if it is in motion there or if the trajectory jumps; None: never
+    smoothed_from: JointPoint | None = None
 
     @property
     def adds(self) -> bool:
@@ -53,6 +55,7 @@ class Result:
     reason: Reason | None = None
     statements: int = 0  # in the text
     starts: bool = False  # whether the text starts automatically
+    smoothed: bool = False
     appended: PlannedMoves | None = None  # instead of a program
 
 
@@ -76,7 +79,23 @@ def run_job(
             program, statements = _queued(job.queue, added), len(added.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
-        planned = program_planner.plan(
+        planned, smoothed = _planned(job, program, robot, progress)
+        if job.adds and job.queue is not None:
+            program_planner.require_start(added, _end_m(planned, len(job.queue.statements), job.start_m))
+        return Result(job.number, program, planned, statements=statements, starts=starts, smoothed=smoothed)
+    except CancelledError as error:
+        return Result(job.number, reason=Reason(Code.WITHDRAWN, str(error)))
+    except Delta3Error as error:
+        return Result(job.number, reason=Reason.of(error))
+
+
+def _planned(
+    job: Job, program: Program, robot: Parameters, progress: Callable[[int, int], None]
+) -> tuple[Planned, bool]:
+    """Return the plan of a program, and whether it has to be smoothed; raises ProgramError."""
+
+    def plan(**more: Any) -> Planned:
+        return program_planner.plan(
             program,
             job.start_m,
             robot,
@@ -84,14 +103,24 @@ def run_job(
             open_end=True,
             progress=progress,
             turns_rad=job.turns_rad,
+            **more,
         )
-        if job.adds and job.queue is not None:
-            program_planner.require_start(added, _end_m(planned, len(job.queue.statements), job.start_m))
-        return Result(job.number, program, planned, statements=statements, starts=starts)
-    except CancelledError as error:
-        return Result(job.number, reason=Reason(Code.WITHDRAWN, str(error)))
-    except Delta3Error as error:
-        return Result(job.number, reason=Reason.of(error))
+
+    start = job.smoothed_from
+    if start is not None and any(start.speeds_rad_s or ()):
+        return plan(smoothed_from=start), True
+    try:
+        return plan(), False
+    except ProgramError:
+        if start is None or not _jumps(program):
+            raise
+        return plan(smoothed_from=start), True
+
+
+def _jumps(program: Program) -> bool:
+    """Whether a program is a trajectory whose speed jumps at some points, because these have none."""
+    first = program.statements[0]
+    return isinstance(first, Joints) and any(point.speeds_rad_s is None for point in first.points)
 
 
 def _append(

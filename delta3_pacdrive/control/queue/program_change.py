@@ -86,11 +86,12 @@ class ChangeSource(Protocol):
 class ProgramChange:
     """The pending change of one planner. A late change is sent again with a longer lead."""
 
-    def __init__(self, run: ProgramRun, newest_cycle: Callable[[], int]) -> None:
-        self.run, self._newest_cycle = run, newest_cycle
+    def __init__(self, run: ProgramRun, newest_cycle: Callable[[], int], requests: RequestService) -> None:
+        self.run, self._newest_cycle, self._requests = run, newest_cycle, requests
         self.state = ChangeState.NONE
         self.number, self.since_s = 0, 0.0  # of the newest order, and time of sending
         self._source: ChangeSource | None = None
+        self._orphaned = False  # whether the operator of the pending change has lost control
 
     def handle(self, event: ChangeEvent) -> None:
         """Apply an event."""
@@ -106,9 +107,21 @@ class ProgramChange:
         """Whether the change waits for its verdict."""
         return self.state is ChangeState.SENT
 
-    def is_sent_by(self, source: ChangeSource) -> bool:
-        """Whether a change of this source waits for its verdict."""
-        return self.sent and self._source is source
+    @property
+    def orders(self) -> bool:
+        """Whether an order waits for its verdict, and not only a motion profile."""
+        return self.sent and not isinstance(self._source, Override)
+
+    def handle_control_loss(self) -> None:
+        """Mark the pending change for rejection, because its operator has lost control."""
+        serving = self._requests.serving
+        self._orphaned = self.busy and serving is not None and bool(serving.operator)
+
+    def require_control(self, request: Request) -> None:
+        """Raise RefusedError if the operator of a pending change does not have control any more."""
+        self._requests.require_control(request)
+        if self._orphaned:
+            raise RefusedError(LOST_CONTROL)
 
     @property
     def newest_cycle(self) -> int:
@@ -125,6 +138,8 @@ class ProgramChange:
 
     def plan(self, source: ChangeSource) -> None:
         """Begin to plan moves."""
+        if not self.busy:
+            self._orphaned = False
         self._source = source
         self.handle(ChangeEvent.PLAN)
 
@@ -282,13 +297,11 @@ class AppendedMoves:
         self._requests, self._planning, self._from_rest = requests, planning, from_rest
         self._planned: tuple[PlannedMoves, int] | None = None  # and number of appended statements
         self._extension: Extension | None = None
-        self._orphaned = False
         self.leads, self.retries = APPEND_LEADS, 0
 
     def begin(self, request: Request) -> None:
         """Start planning the moves of a request after those of the running program; raises ProgramError."""
         self._requests.tracker.begin(request.identity)
-        self._orphaned = False
         self._plan(request, rounded=True)
 
     def _plan(self, request: Request, rounded: bool) -> None:
@@ -311,20 +324,13 @@ class AppendedMoves:
         self._planned = result.appended, result.statements
         self._change.handle(ChangeEvent.READY)
 
-    def handle_control_loss(self) -> None:
-        """Mark the moves for rejection, because their operator has lost control."""
-        serving = self._requests.serving
-        self._orphaned = self._change.busy and serving is not None and bool(serving.operator)
-
     def send(self, now_s: float) -> None:
         """Send planned moves, unless they must wait for a stop or the program has ended."""
         request, motion = self._requests.serving, self._task.motion
         if request is None or motion == MotionState.STOPPING:
             return
         try:
-            self._requests.require_control(request)
-            if self._orphaned:
-                raise RefusedError(LOST_CONTROL)
+            self._change.require_control(request)
             if self._run.state is RunState.RUNNING and motion in UNDER_WAY:
                 self._order(now_s)
             elif self._run.state is RunState.NONE and self._run.completed:

@@ -9,7 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.configuration.strict_reader import counted
 from delta3_pacdrive.control.actions import Ordered, Revoked
-from delta3_pacdrive.control.messages import EXACT, ORDER
+from delta3_pacdrive.control.messages import ORDER, REPLACEMENT, SMOOTHED
 from delta3_pacdrive.control.motion_state import MotionState, at_percent
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.queue.running_moves import RunningMoves
@@ -107,8 +107,8 @@ class Order:
     start_cycle: int = -1  # bus cycle, -1: as soon as possible
     queued: Planned | None = None  # None for a program resumed after a fault
     own: int = 0  # statements at the end that were not in the queue before
-    exact: bool = False  # whether it is rejected, not delayed, if its start cycle is too early
     tolerances: Tolerances | None = None  # of this trajectory, None: default
+    kind: str = ORDER  # of the row on ``motion/plan``
 
     @staticmethod
     def of(program: Program, planned: Planned, override: float, own: int = 0, **more: Any) -> 'Order':
@@ -129,6 +129,11 @@ class Order:
             **more,
         )
 
+    def ordered(self, number: int) -> Ordered:
+        """Return the action that sends it, with its number."""
+        row = (float(self.start_cycle), self.override, *self.plan.tables.order.tolist())
+        return Ordered(number, self.plan.moves, self.faults, row, self.kind)
+
     @staticmethod
     def back(
         run: 'ProgramRun', cut_off: Timeline, start_m: Floats, override: float, robot: Parameters
@@ -143,7 +148,10 @@ class Order:
         """
         plan, override = return_plan(cut_off, start_m, robot), min(override, run.override_max)
         sentence = f'resumed after the fault: {moves_text(plan, override)}'
-        return Order(plan, override, run.override_max, run.program, sentence)
+        smoothed = run.order is not None and run.order.kind in (SMOOTHED, REPLACEMENT)
+        return Order(
+            plan, override, run.override_max, run.program, sentence, kind=SMOOTHED if smoothed else ORDER
+        )
 
 
 class ProgramRun(RunningMoves):
@@ -236,8 +244,7 @@ class ProgramRun(RunningMoves):
         order = self.order
         if kind is Revoked or order is None:
             return Revoked(self.number)
-        row = (float(order.start_cycle), order.override, *order.plan.tables.order.tolist())
-        return Ordered(self.number, order.plan.moves, order.faults, row, EXACT if order.exact else ORDER)
+        return order.ordered(self.number)
 
     def follow(self, row: Any) -> None:
         """Follow the motion profile of the transformation task, including its own stops."""
@@ -267,6 +274,14 @@ class ProgramRun(RunningMoves):
     def _switch_to(self, longer: Timeline) -> Timeline:
         self.timeline, self._before, self.pending = longer, None, None
         return longer
+
+    def accept_replacement(self, number: int, order: Order) -> None:
+        """Continue with another order, whose timeline is pending."""
+        self.number, self.order = number, order
+        if self.pending is not None and self.timeline is not None:
+            self._switch_to(self.pending)
+        self.pending = None
+        self._accept(order)
 
     def changes_from(self) -> int:
         """Return the first bus cycle of the newest change of motion profile, 0 if there was none."""

@@ -103,7 +103,15 @@ class RequestService:
         if status is not None and status.operator not in ('', request.operator):
             raise RefusedError(control_refusal(status.operator_name))
 
-    def reply(self, outcome: Reason | str) -> None:
+    def is_outdated(self, request: Request) -> bool:
+        """Whether a later request of the same operator for the same action waits."""
+        what = request.operator, request.action
+        return any(
+            one.request is not request and what == (one.request.operator, one.request.action)
+            for one in self._waiting
+        )
+
+    def reply(self, outcome: Reason | str, routine: bool = False) -> None:
         """Reply to the request being served: reason of its rejection, or description of the result."""
         request, self.serving = self.serving, None
         if request is not None:
@@ -112,7 +120,7 @@ class RequestService:
                 self._reject(request, reason)
             elif request.operator:
                 self._accepted.note(request.operator, (request.number, sentence))
-            self.act(Replied(request, reason, sentence))
+            self.act(Replied(request, reason, sentence, routine))
 
     def withdraw(
         self, request: Request, cancel: Callable[[], Reason | str], remove: Callable[[str], Reason | str]

@@ -17,6 +17,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MasterState, Timeline
 from delta3_pacdrive.planning.paths.move import Move, MoveKind
 from delta3_pacdrive.planning.paths.path import sample_path
+from delta3_pacdrive.planning.program.model import JointPoint
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 
 NONE = (0.0, 0.0, 0.0)
@@ -79,6 +80,18 @@ def _joints_at(timeline: Timeline, cycle: int) -> tuple[Move, MasterState, Float
     if move.kind != MoveKind.JOINTS:
         return None
     return move, now, sample_path([now.distance_m], move.segments)[0, :3]
+
+
+def state_at(timeline: Timeline, cycle: int) -> JointPoint:
+    """Return the arms on a trajectory in a bus cycle, with derivatives by the time of the plan."""
+    present = _joints_at(timeline, max(cycle, timeline.start_cycle))
+    if present is None or timeline.profile is None:
+        raise ProgramError('no trajectory runs')
+    _, now, (place, first, second) = present
+    rate = timeline.profile.override
+    speed, acceleration = now.speed_m_s / rate, now.acceleration_m_s2 / rate**2
+    motion = place, speed * first, acceleration * first + speed**2 * second
+    return JointPoint(0.0, *(tuple(values.tolist()) for values in motion))
 
 
 class ToleranceWatch:

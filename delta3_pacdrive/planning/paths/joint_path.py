@@ -8,8 +8,12 @@ Arguments of the kernels here:
     Arm angles [rad] and their first three derivatives by the master, shape (n, 4, 3).
 ``out``
     Receives positions and their first three derivatives by the master, shape (n, 4, 3).
-``geometry_record``
-    Array of one ``kinematics.GEOMETRY``, shape (1,).
+``motion``
+    Arm angles [rad] and their first two derivatives by the master, three of shape (3,).
+``geometry_record``, ``g``
+    Array of one ``kinematics.GEOMETRY``, shape (1,), and such a record.
+``s``, ``c``
+    Forearm vectors [m], and of each elbow its first three derivatives by the master.
 ``upper``, ``b``, ``rates``
     Upper arm and arm tangent [m], three each; derivatives of its angle, three.
 ``columns``
@@ -45,6 +49,35 @@ def _solved(columns, right):
 
 
 @kernel
+def plate_motion(motion, g):
+    """Position of the TCP and its first two derivatives by the master for those of the arm angles."""
+    theta, rates, bends = motion
+    p = plate_position(theta, g)
+    s, b = forearms(theta, p, g)
+    columns = inverse_columns(s)
+    c = (
+        _elbow_derivatives(upper_arm(0, p, s[0], g), b[0], (rates[0], bends[0], 0.0)),
+        _elbow_derivatives(upper_arm(1, p, s[1], g), b[1], (rates[1], bends[1], 0.0)),
+        _elbow_derivatives(upper_arm(2, p, s[2], g), b[2], (rates[2], bends[2], 0.0)),
+    )
+    first, second, _ = _plate_derivatives(s, c, columns)
+    return p, first, second
+
+
+@kernel
+def _plate_derivatives(s, c, columns):
+    """First two derivatives of the TCP, and those of the forearms."""
+    first = _solved(columns, (dot(s[0], c[0][0]), dot(s[1], c[1][0]), dot(s[2], c[2][0])))
+    s1 = (difference(first, c[0][0]), difference(first, c[1][0]), difference(first, c[2][0]))
+    right = (
+        dot(s[0], c[0][1]) - dot(s1[0], s1[0]),
+        dot(s[1], c[1][1]) - dot(s1[1], s1[1]),
+        dot(s[2], c[2][1]) - dot(s1[2], s1[2]),
+    )
+    return first, _solved(columns, right), s1
+
+
+@kernel
 def _tcp_samples(angles, out, geometry_record):
     """Fill ``out`` with the TCP for arm angles; nan where the forearms do not meet."""
     g = geometry_record[0]
@@ -67,14 +100,7 @@ def _tcp_samples(angles, out, geometry_record):
                 upper_arm(2, p, s[2], g), b[2], (angles[n, 1, 2], angles[n, 2, 2], angles[n, 3, 2])
             ),
         )
-        first = _solved(columns, (dot(s[0], c[0][0]), dot(s[1], c[1][0]), dot(s[2], c[2][0])))
-        s1 = (difference(first, c[0][0]), difference(first, c[1][0]), difference(first, c[2][0]))
-        right = (
-            dot(s[0], c[0][1]) - dot(s1[0], s1[0]),
-            dot(s[1], c[1][1]) - dot(s1[1], s1[1]),
-            dot(s[2], c[2][1]) - dot(s1[2], s1[2]),
-        )
-        second = _solved(columns, right)
+        first, second, s1 = _plate_derivatives(s, c, columns)
         right = (
             dot(s[0], c[0][2]) - 3.0 * dot(s1[0], difference(second, c[0][1])),
             dot(s[1], c[1][2]) - 3.0 * dot(s1[1], difference(second, c[1][1])),

@@ -91,7 +91,8 @@ class FollowJointTrajectory(MotionAction):
     def _request(self, goal: Any) -> Request:
         if goal.trajectory.points:
             # before the conversion: the heartbeat of the planner must not pause for long while a program runs
-            self._require_idle('a trajectory')
+            self._planner.require_control(self._operators.request('move'))
+            self._planner.require_trajectory()
         request = trajectory_request(goal, self._planner.trajectory.default)
         return self._operators.request('trajectory', request.to_json())
 

@@ -181,7 +181,8 @@ class MotionAction(ABC):
                 continue
             if goal.ending is not None:
                 error_code, sentence, latest_s = goal.ending
-                if self._planner.is_at_rest or time.monotonic() > latest_s:
+                superseded = self._planner.trajectory.supersedes(identity)
+                if superseded or self._planner.is_at_rest or time.monotonic() > latest_s:
                     self._end(goal, error_code, sentence)
             elif goal.done and not self._planner.trajectory.settles(identity):
                 self._end(goal, SUCCESSFUL, self.success)

@@ -69,8 +69,8 @@ class PlannerOutputs:
                     self._plan.publish(self._numbered(REVOKE, number, []))
                 case Changed(number, profile):
                     self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
-                case Replied(request, reason, sentence):
-                    self._operators.reply(request, reason, sentence)
+                case Replied(request, reason, sentence, routine):
+                    self._operators.reply(request, reason, sentence, routine)
                 case Reported(report):
                     self._operators.report(report)
                     for goals in self._goals:

@@ -164,23 +164,27 @@ class PlannerServices:
 
     # answers ----------------------------------------------------------------------------------------------------------
 
-    def reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
-        """Reply to a request, with the reason if it is rejected."""
+    def reply(self, request: Request, reason: Reason | None, sentence: str, routine: bool = False) -> None:
+        """Reply to a request, with the reason if it is rejected; a routine reply is not logged."""
         _, respond, received = self._pending.pop(id(request), (request, None, None))
         if respond is not None:
             respond(reason, sentence)
         if received is not None:
             self._server.reply(received, reason, sentence)
-        self._publish_answer(reason, sentence)
+        self._publish_answer(reason, sentence, routine)
 
-    def _publish_answer(self, reason: Reason | None, sentence: str) -> None:
+    def _publish_answer(self, reason: Reason | None, sentence: str, routine: bool = False) -> None:
         """Publish the result of the newest request on ``unit_robot/answer``."""
         self._refusal = reason
+        if routine:
+            self._log.debug(reason.sentence if reason else sentence)
         if reason is None:
-            self._log.info(sentence)
+            if not routine:
+                self._log.info(sentence)
             self._answer.publish(String(data=f'accepted: {sentence}'))
         else:
-            self._log.error(reason.sentence)
+            if not routine:
+                self._log.error(reason.sentence)
             self._answer.publish(String(data=f'refused: {reason.sentence}'))
         self.publish_queue()
 

@@ -15,6 +15,8 @@ from delta3_pacdrive.control.queue.program_change import (
     ProgramChange,
 )
 from delta3_pacdrive.control.queue.program_run import ProgramRun
+from delta3_pacdrive.control.queue.request_service import RequestService
+from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Reason
 
 LATE = Reason(Code.LATE, 'bus cycle 7 is over')
@@ -24,7 +26,7 @@ class Source:
     """A source of changes that sends them immediately and records their results."""
 
     def __init__(self) -> None:
-        self.change = ProgramChange(ProgramRun(1e-3), lambda: 0)
+        self.change = ProgramChange(ProgramRun(1e-3), lambda: 0, RequestService(TaskStatus(), print))
         self.ends: list[Any] = []
         self.leads, self.retries = OVERRIDE_LEADS, 0
 

@@ -3,13 +3,22 @@
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.control.actions import Ordered, Replied, Revoked
-from delta3_pacdrive.control.messages import EXACT, ORDER
+from delta3_pacdrive.control.actions import Ordered, Replied, Reported, Revoked
+from delta3_pacdrive.control.messages import EXACT, ORDER, REPLACEMENT, SMOOTHED
 from delta3_pacdrive.control.queue.planner import VERDICT_S
 from delta3_pacdrive.control.queue.planning_job import Job
-from delta3_pacdrive.control.queue.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
+from delta3_pacdrive.control.queue.trajectory import (
+    LEAD_PER_POINT_S,
+    LEAD_S,
+    OUTDATED,
+    REPLACE_LEADS,
+    SOON,
+    TrajectoryRequest,
+)
 from delta3_pacdrive.errors import Code, ProgramError, TelegramError
+from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.paths.move import MoveKind
+from delta3_pacdrive.planning.plan import Plan
 from planner_client import LINE, Client
 
 CYCLE_S = 1e-3
@@ -161,7 +170,7 @@ def test_a_trajectory_needs_an_empty_queue(client, robot):
     assert client.planner.queue[0] == 1
 
 
-def test_moving_robot_accepts_no_other_trajectory(client, robot):
+def test_a_robot_that_executes_moves_accepts_no_trajectory(client, robot):
     client.run()
     client.ask('trajectory', trajectory(robot))
     client.say(state='moving')
@@ -243,3 +252,186 @@ def test_client_without_control_moves_no_arm(client, robot):
     client.ask('trajectory', trajectory(robot))
     reason = client.do(Replied).reason
     assert reason.code == Code.CONTROL
+
+
+# replacing the running trajectory
+
+
+def positions_only(robot, by=0.1, time_s=0.25, stamp_s=0.0):
+    """Return the text of a request of one point without speeds."""
+    angles = (kinematics.inverse(HOME, robot.kinematics) + by).tolist()
+    return TrajectoryRequest(stamp_s, [{'time_s': time_s, 'angles_rad': angles}]).to_json()
+
+
+def running(client, robot, time_s=1.0):
+    """Let a trajectory run for 50 cycles; return its timeline and request."""
+    request = client.ask('trajectory', trajectory(robot, time_s=time_s, by=0.2))
+    client.plan()
+    ordered = client.do(Ordered)
+    client.verdict(ordered.number)
+    assert client.answer()[0] is None
+    client.say(state='moving', order=ordered.number)
+    timeline = Timeline(Plan.of(ordered.moves), robot.bus.cycle_time_s)
+    timeline.start(client.cycle, ordered.row[1])
+    client.follow(timeline.profile, 1)
+    client.cycle += 50
+    return timeline, request
+
+
+def phases(client):
+    """Take the reports of requests; return their identities and states."""
+    reports = [action.report for action in client.planner.actions if isinstance(action, Reported)]
+    client.planner.actions = [one for one in client.planner.actions if not isinstance(one, Reported)]
+    return [(report.id, report.state) for report in reports]
+
+
+def lead(points=1):
+    return REPLACE_LEADS[0] + round(points * LEAD_PER_POINT_S / CYCLE_S + 0.5)
+
+
+def test_a_trajectory_replaces_the_running_one_from_its_state_at_the_start(client, robot):
+    timeline, first = running(client, robot)
+    phases(client)
+    second = client.ask('trajectory', positions_only(robot))
+    client.plan()
+    ordered = client.do(Ordered)
+    cycle = client.cycle + lead()
+    assert (ordered.kind, ordered.row[:2]) == (REPLACEMENT, (cycle, 1.0))
+    (move,) = ordered.moves
+    now = timeline.at(cycle)
+    begins = timeline.plan.move(0).sample([now.distance_m])[0]
+    assert move.sample([0.0])[0, 0] == pytest.approx(begins[0], abs=1e-9)
+    assert move.length_m == 0.25
+    assert client.none(Replied)
+    client.verdict(ordered.number)
+    assert client.answer() == (None, 'replaced by "joint_trajectory": 1 move, 0.250 s')
+    assert (first.identity, 'aborted') in phases(client)
+    # the end of the second one is reported, and the third one replaces it
+    client.say(state='moving', order=ordered.number)
+    assert client.planner.trajectory.settles(second.identity)
+    assert client.planner.trajectory.supersedes(first.identity)
+    client.cycle += 40
+    client.ask('trajectory', positions_only(robot))
+    client.plan()
+    assert client.do(Ordered).kind == REPLACEMENT
+
+
+def test_a_replacement_at_half_the_override_begins_with_the_motion_of_the_robot(client, robot):
+    client.ask('override', '50')
+    assert client.answer()[0] is None
+    timeline, _ = running(client, robot)
+    client.ask('trajectory', trajectory(robot, by=0.1))
+    client.plan()
+    ordered = client.do(Ordered)
+    assert ordered.row[1] == 0.5
+    now = timeline.at(int(ordered.row[0]))
+    _, before, *_ = timeline.plan.move(0).sample([now.distance_m])[0]
+    _, after, *_ = ordered.moves[0].sample([0.0])[0]
+    assert 0.5 * after == pytest.approx(now.speed_m_s * before, abs=1e-9)
+
+
+def test_a_replacement_with_a_stamp_begins_in_its_bus_cycle(client, robot):
+    running(client, robot)
+    client.ask('trajectory', trajectory(robot, stamp_s=1.5, by=0.1))
+    client.plan()
+    assert client.do(Ordered).row[0] == 1500.0
+
+
+def test_a_replacement_after_the_end_of_the_running_trajectory_begins_from_rest(client, robot):
+    timeline, _ = running(client, robot)
+    client.ask('trajectory', trajectory(robot, stamp_s=3.5, by=0.1))
+    client.plan()
+    assert client.none(Ordered)
+    client.cycle = timeline.end_cycle + 5
+    end = tuple(timeline.plan.end_m().tolist())
+    client.say(state='idle', located=2, tcp_m=end, cycle=client.cycle)
+    client.plan()
+    ordered = client.do(Ordered)
+    assert (ordered.kind, ordered.row[0]) == (EXACT, 3500.0)
+
+
+def test_a_replacement_that_came_after_its_end_is_planned_again_with_a_longer_lead(client, robot):
+    running(client, robot, time_s=5.0)
+    client.ask('trajectory', positions_only(robot))
+    client.plan()
+    client.verdict(client.do(Ordered).number, 'late', 'its last bus cycle is over')
+    client.plan()
+    assert client.do(Ordered).row[0] == client.cycle + lead() - REPLACE_LEADS[0] + REPLACE_LEADS[1]
+    assert client.none(Replied)
+
+
+def test_a_rejected_replacement_leaves_the_running_trajectory(client, robot):
+    timeline, first = running(client, robot)
+    client.ask('trajectory', positions_only(robot, by=2.0))
+    client.plan()
+    assert 'the angle of arm 1' in client.answer()[0].sentence
+    client.ask('trajectory', positions_only(robot))
+    client.plan()
+    client.verdict(client.do(Ordered).number, 'state', 'the program is being aborted')
+    assert client.answer()[0].code == Code.STATE
+    assert client.planner.trajectory.settles(first.identity)
+    client.ask('trajectory', positions_only(robot))
+    client.plan()
+    start = client.do(Ordered).moves[0].sample([0.0])[0, 0]
+    now = timeline.at(client.cycle + lead())
+    assert start == pytest.approx(timeline.plan.move(0).sample([now.distance_m])[0, 0], abs=1e-9)
+
+
+def test_of_waiting_trajectories_of_one_sender_the_newest_counts(client, robot):
+    running(client, robot, time_s=5.0)
+    requests = [client.ask('trajectory', positions_only(robot)) for _ in range(3)]
+    client.plan()
+    client.verdict(client.do(Ordered).number)
+    answers = {
+        action.request.number: action.reason
+        for action in client.planner.actions
+        if isinstance(action, Replied)
+    }
+    assert answers == {requests[0].number: None, requests[1].number: OUTDATED}
+    client.plan()
+    assert client.do(Ordered).kind == REPLACEMENT
+
+
+def test_an_operator_who_loses_control_does_not_replace_the_trajectory(client, robot):
+    client.say(operator='op', operator_name='Ada', control=1)
+    running(client, robot)
+    client.ask('trajectory', positions_only(robot))
+    job = client.do(Job)
+    client.say(operator='eve', operator_name='Eve', control=2, losses=1)
+    assert client.do(Replied).reason.code == Code.CONTROL
+    assert job.number
+    assert client.none(Ordered)
+
+
+def test_a_trajectory_that_jumps_is_smoothed_and_one_with_speeds_is_not(client, robot):
+    client.ask('trajectory', positions_only(robot, by=0.3))
+    client.plan()
+    assert client.do(Ordered).kind == SMOOTHED
+
+
+def test_a_trajectory_with_speeds_that_needs_too_much_torque_is_rejected(client, robot):
+    client.ask('trajectory', trajectory(robot, time_s=0.04, by=0.3))
+    client.plan()
+    assert client.answer()[0].code == Code.CONTENT
+    assert client.none(Ordered)
+
+
+def test_the_rest_of_a_smoothed_trajectory_is_smoothed_when_it_is_resumed_after_a_fault(client, robot):
+    running(client, robot, time_s=5.0)
+    client.ask('trajectory', positions_only(robot, time_s=3.0))
+    client.plan()
+    ordered = client.do(Ordered)
+    client.verdict(ordered.number)
+    assert client.answer()[0] is None
+    client.say(state='moving', order=ordered.number)
+    replaced = Timeline(Plan.of(ordered.moves), robot.bus.cycle_time_s)
+    replaced.start(int(ordered.row[0]), ordered.row[1])
+    client.cycle += 500
+    client.say(state='error', refusal='there is a fault: axis1', refusal_code='fault')
+    client.follow(replaced.stop(client.cycle), 2)
+    place = tuple(replaced.plan.move(0).sample([0.5])[0, 0].tolist())
+    client.say(state='idle', located=2, tcp_m=place, refusal='', refusal_code='')
+    client.ask('resume')
+    ordered = client.do(Ordered)
+    assert ordered.kind == SMOOTHED
+    assert ordered.moves[-1].kind == MoveKind.JOINTS

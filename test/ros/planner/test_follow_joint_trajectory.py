@@ -18,6 +18,7 @@ from rclpy.action import ActionClient
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.control.actions import Arrival
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import Code, ProgramError
@@ -254,20 +255,49 @@ def test_an_invalid_goal_is_rejected_and_its_reason_published(driver: Driver) ->
     assert driver.drive(message((0.8, still(0.1)))) == SUCCEEDED
 
 
-def test_a_second_goal_is_rejected_and_the_first_one_stops_on_its_path_when_it_is_cancelled(
+def test_a_second_goal_replaces_the_first_one_and_stops_on_its_path_when_it_is_cancelled(
     driver: Driver,
 ) -> None:
     cell = driver.cell
     first = driver.send(message((20.0, still(0.3))))
     cell.wait_for('moving')
-    assert 'the robot is moving' in driver.rejection(message((1.0, still(0.1))))
-    cancelled = first.cancel_goal_async()
+    second = driver.send(message((10.0, still(0.1))))
+    status, code, sentence = driver.end(first)
+    assert (status, code) == (GoalStatus.STATUS_ABORTED, driver.type.Result.INVALID_GOAL)
+    assert sentence == 'another program was started'
+    assert cell.operator.state == 'moving'
+    cancelled = second.cancel_goal_async()
     cell.graph.spin_until(cancelled.done, 'the cancellation')
     assert len(cancelled.result().goals_canceling) == 1
-    status, _, sentence = driver.end(first)
+    status, _, sentence = driver.end(second)
     assert (status, sentence) == (GoalStatus.STATUS_CANCELED, 'the program was aborted')
     assert cell.missed(0.3) > HALF_INCREMENT
     assert driver.drive(message((1.0, still(0.1)))) == SUCCEEDED
+
+
+def test_a_goal_replaced_by_a_message_ends_and_the_arms_come_to_the_last_point(driver: Driver) -> None:
+    """Points without speeds, as a slider sends them: each one is followed within the limits of the robot."""
+    cell = driver.cell
+    goal = driver.send(message((5.0, still(0.1))))
+    cell.wait_for('moving')
+    for by in (0.3, 0.05, 0.2):
+        point = {'positions': HOME + by}
+        assert cell.send(message((0.25, point))).startswith('accepted: replaced by "joint_trajectory"')
+    assert driver.end(goal)[0] == GoalStatus.STATUS_ABORTED
+    cell.wait_for('idle')
+    assert cell.missed(0.2) <= HALF_INCREMENT
+
+
+def test_a_goal_that_a_limit_keeps_from_its_end_is_aborted_at_rest(driver: Driver) -> None:
+    """A smoothed robot keeps 0.5 mm from the limits of the workspace."""
+    cell = driver.cell
+    bottom = kinematics.inverse((0.0, 0.0, -0.9499), parameters.load().kinematics)
+    goal = driver.send(message((0.3, {'positions': bottom})))
+    status, code, sentence = driver.end(goal)
+    assert (status, code) == (GoalStatus.STATUS_ABORTED, driver.type.Result.INVALID_GOAL)
+    assert sentence == 'the program was aborted'
+    cell.wait_for('idle')
+    assert driver.drive(message((2.0, still(0.1)))) == SUCCEEDED
 
 
 def test_client_without_control_neither_moves_nor_cancels(driver: Driver) -> None:
