@@ -127,6 +127,14 @@ class Changed:
 
 
 @dataclass(frozen=True)
+class Overridden:
+    """Send the override, 1 = as planned, which the transformation task applies to set points."""
+
+    number: int
+    override: float
+
+
+@dataclass(frozen=True)
 class Cancelled:
     """Cancel a job of the planning thread."""
 
@@ -158,5 +166,5 @@ class Settled:
     reason: Reason | None
 
 
-PlannerAction = Ordered | Revoked | Changed | Cancelled | Reported | Settled | Entered | Replied
+PlannerAction = Ordered | Revoked | Changed | Overridden | Cancelled | Reported | Settled | Entered | Replied
 RobotAction = Entered | Followed | Located | Switched | AccessRequested | Injected | Replied | Logged

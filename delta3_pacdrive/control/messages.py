@@ -193,7 +193,7 @@ def _rejection(operator: str, number: int, code: Code, sentence: str) -> Reply:
 class Origin:
     """Label of a row on ``motion/plan`` or ``motion/change``."""
 
-    kind: str  # ORDER, EXACT, SMOOTHED, REPLACEMENT, EXTEND, FAULT, REVOKE, PROFILE, or the kind of a move
+    kind: str  # ORDER, EXACT, SMOOTHED, REPLACEMENT, EXTEND, FAULT, REVOKE, PROFILE, OVERRIDE, or the kind of a move
     planner: str  # identity of the sender
     session: str  # of the bus
     number: int  # of the order or change, counted by the planner
@@ -217,6 +217,7 @@ SMOOTHED = 'SMOOTHED'  # an order of a plan that may jump: the robot follows it 
 REPLACEMENT = 'REPLACEMENT'  # such an order that begins in its bus cycle instead of the running plan
 ORDERS = (ORDER, EXACT, SMOOTHED, REPLACEMENT)
 LAST = (*ORDERS, EXTEND)  # rows that end a plan
+OVERRIDE = 'OVERRIDE'  # override of the planner, for a steered robot
 ACCEPTED = ''  # code of an acceptance
 # requests of operators to the transformation task
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'

@@ -10,7 +10,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.ros.parameters import OF_ALL, OWN, shows
-from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE
+from delta3_pacdrive.ros.wire.control_messages import CONTROLLER_STATE, JOINT_JOG
 from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 from delta3_pacdrive.ros.wire.tf_messages import TF
 
@@ -41,6 +41,11 @@ OPTIONAL_TOPICS = {
             CONTROLLER_STATE,
             'control_msgs/msg/JointTrajectoryControllerState, 100 Hz, with subscribers only',
             'expected and actual arm angles (published if control_msgs is installed)',
+        ),
+        (
+            JOINT_JOG,
+            'control_msgs/msg/JointJog, 20 to 500 Hz',
+            'speeds of the arms of a steered robot (subscribed if control_msgs is installed)',
         ),
     ),
     'robot_visualization': (

@@ -12,7 +12,7 @@ from typing import Any
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.robot.faults.fault import KINDS, NODES
 from delta3_pacdrive.view import readout
-from delta3_pacdrive.view.jog import DIRECTIONS, HEARTBEAT_HZ
+from delta3_pacdrive.view.jog import DIRECTIONS, HEARTBEAT_HZ, JOG_SPEED_MAX_M_S
 from delta3_pacdrive.view.values import Facts, InputFacts, UiCommand
 
 VALUES = {'on': True, 'off': False, 'auto': 'auto'}
@@ -65,7 +65,7 @@ class InputRows:
 
 PROGRAM_BYTES_MAX = 1024 * 1024
 STEPS_MM = ('0.1', '1', '5', '10', '50')
-JOG_MM_S, JOG_MAX_MM_S = 50, 250
+JOG_MM_S, JOG_MAX_MM_S = 50, round(1e3 * JOG_SPEED_MAX_M_S)
 OVERRIDE_MIN, OVERRIDE_MAX = 1, 150
 ANSWERS = 3  # replies shown
 FAULT_S = 0.5  # default duration of an injected fault

@@ -2,22 +2,20 @@
 
 The release of a button cannot be detected reliably: the page may be closed, the browser may hang, the network may fail.
 Therefore a missing heartbeat counts as release. The motion is then stopped repeatedly until the robot has confirmed it.
+While the button is held, each heartbeat sends a velocity, as ``delta3 move servo`` does; the robot also stops by itself
+when no more velocities arrive.
 """
 
 import math
 from enum import Enum, StrEnum
 
-import numpy as np
-
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Kinematics
 
 HEARTBEAT_HZ = 20.0
-JOG_ACCELERATION_M_S2, JOG_JERK_M_S3 = 2.0, 40.0  # gentle, because people watch the motion
+JOG_SPEED_MAX_M_S = 0.25
+JOG_LIMITS = {'acceleration_m_s2': 2.0, 'jerk_m_s3': 40.0}  # gentle, because people watch the motion
 SILENT_S = 0.25  # without a heartbeat before the button counts as released
 STOP_AGAIN_S = 0.1  # between two stop requests for a motion that may still start
-EDGE_M = 1e-4  # distance kept from the edge of the workspace
 DIRECTIONS = {
     '+x': (1.0, 0.0, 0.0),
     '-x': (-1.0, 0.0, 0.0),
@@ -32,7 +30,7 @@ class JogState(StrEnum):
     """State of a jog."""
 
     FREE = 'free'  # no motion started
-    PRESSED = 'pressed'  # a button is held, its line is being sent to the robot
+    PRESSED = 'pressed'  # a button is held, the start is about to be sent to the robot
     STARTING = 'starting'  # the start is requested: the robot may move
     MOVING = 'moving'
     REVOKED = 'revoked'  # cancelled before the reply to the start, which may still arrive
@@ -45,7 +43,7 @@ class JogEvent(StrEnum):
     PRESS = 'press'
     START = 'start'  # the start is sent
     ACCEPT = 'accept'  # the start was accepted
-    REFUSE = 'refuse'  # the line, or its start, was rejected
+    REFUSE = 'refuse'  # the start was rejected
     LOSE = 'lose'  # the outcome is unknown
     CANCEL = 'cancel'  # the button was released, or the robot is being stopped
     SETTLE = 'settle'  # the stop was confirmed, or there is nothing to stop
@@ -87,6 +85,11 @@ class Jog:
         self._held, self._beat_s = '', -math.inf
         self._spent = False  # the button must be released before it starts another motion
         self._asking, self._stop_s = False, -math.inf
+
+    @property
+    def velocity(self) -> tuple[float, float, float] | None:
+        """Direction of the motion, of length 1; None unless the robot is moved by a button."""
+        return DIRECTIONS[self.direction] if self.state is JogState.MOVING else None
 
     @property
     def may_move(self) -> bool:
@@ -184,44 +187,3 @@ def parse(text: str, numbers: int) -> tuple[str, list[float]]:
             f'{shown(text)} is not a direction ({", ".join(DIRECTIONS)}) with {numbers} positive numbers'
         )
     return direction, values
-
-
-def edge(tcp_m: Floats, direction: str, kinematics: Kinematics) -> Floats:
-    """Return the point where a straight line from the TCP leaves the workspace.
-
-    Parameters
-    ----------
-    tcp_m
-        Position of the TCP [m], shape (3,).
-    direction
-        One of ``DIRECTIONS``.
-    kinematics
-        Contains the cylinder of the workspace.
-
-    Returns
-    -------
-    Floats
-        The last point inside [m], shape (3,).
-
-    Raises
-    ------
-    ProgramError
-        The robot is at the edge or outside already.
-
-    """
-    way = np.array(DIRECTIONS[direction])
-    x, y, z = np.asarray(tcp_m, dtype=np.float64).tolist()
-    if way[2]:
-        limit = kinematics.workspace_top_m if way[2] > 0.0 else kinematics.workspace_bottom_m
-        distance = (limit - z) * way[2]
-    else:
-        along, across = (x, y) if way[0] else (y, x)
-        radius = 0.5 * kinematics.workspace_diameter_m
-        chord = np.sqrt(max(radius**2 - across**2, 0.0))
-        distance = chord - along * (way[0] + way[1])
-    distance -= EDGE_M
-    if not distance > 0.0:
-        raise ProgramError(
-            f'the robot is at the edge of its workspace: it cannot move further in direction {direction}'
-        )
-    return np.asarray(np.array([x, y, z]) + distance * way)

@@ -216,3 +216,16 @@ def test_a_disabled_robot_cannot_be_steered(steered: Steered) -> None:
     assert not outcome.success
     assert 'enable' in outcome.message
     assert not steered.enable(on=False).success
+
+
+def test_the_override_of_the_planner_scales_the_velocity(steered: Steered) -> None:
+    steered.operator.override(50.0)
+    steered.enable()
+    steered.send(lambda: steered.twist(0.3), steered.moved(0.02), 'motion')
+    assert steered.servo.velocity_m_s[0] == pytest.approx(0.15, abs=1e-6)
+    steered.operator.override(20.0)
+    steered.send(
+        lambda: steered.twist(0.3),
+        lambda: steered.servo.velocity_m_s[0] == pytest.approx(0.06, abs=1e-6),
+        '20 %',
+    )

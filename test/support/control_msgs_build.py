@@ -39,6 +39,8 @@ CONTROL_FIELDS = {
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error, '
     'trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output, float64 speed_scaling_factor',
+    'msg/JointJog.msg': 'std_msgs/Header header, string[] joint_names, float64[] displacements, '
+    'float64[] velocities, float64 duration',
     'msg/MotionArgument.msg': 'string name, float64 value',
     'msg/MotionPrimitive.msg': 'int8 UNKNOWN=-1, int8 LINEAR_JOINT=0, int8 LINEAR_CARTESIAN=50, '
     'int8 CIRCULAR_CARTESIAN=51, int8 type -1, float64 blend_radius, MotionArgument[] additional_arguments, '

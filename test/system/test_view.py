@@ -19,7 +19,7 @@ import pytest
 from browser import Visit
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.ros.wire import discovery
-from delta3_pacdrive.view.jog import JOG_JERK_M_S3
+from delta3_pacdrive.view.jog import JOG_LIMITS
 from thoroughness import some
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
@@ -136,22 +136,22 @@ def test_jog_stops_softly_on_release_of_the_button_and_on_loss_of_the_page(
         visit.page.get_by_role('tab', name='Jog').click()
         visit.page.get_by_role('button', name='hold +x').hover()
         visit.page.mouse.down()
-        wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot moves')
+        wait_for(lambda: state_of(delta3)['state'] == 'steered', 'the robot moves')
         visit.page.mouse.up()
         wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the robot stands')
         first = state_of(delta3)
-        assert 0.0 < first['tcp_m'][0] < 0.4  # on its way to the edge
+        assert 0.0 < first['tcp_m'][0] < 0.4
         assert first['tcp_m'][1:] == pytest.approx([0.0, -0.75], abs=1e-3)
         assert first['fault'] == ''
         visit.page.mouse.down()
-        wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot moves again')
+        wait_for(lambda: state_of(delta3)['state'] == 'steered', 'the robot moves again')
     # the page is closed with the button held
     wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the robot stands')
     assert first['tcp_m'][0] < state_of(delta3)['tcp_m'][0] < 0.5
     assert ended(view) == (0, '')
     assert ended(robot)[0] == 0
     jerks = jerk_m_s3(tmp_path / 'bag')
-    assert 1.0 < jerks.max() < 1.01 * JOG_JERK_M_S3
+    assert 1.0 < jerks.max() < 1.01 * JOG_LIMITS['jerk_m_s3']
 
 
 @pytest.mark.long

@@ -1,8 +1,7 @@
-"""Tests of jogging: held buttons, stop of the motion, and end position."""
+"""Tests of jogging: held buttons, stop of the motion, and direction."""
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.view.jog import (
     DIRECTIONS,
-    EDGE_M,
     HEARTBEAT_HZ,
     SILENT_S,
     STOP_AGAIN_S,
@@ -19,7 +17,6 @@ from delta3_pacdrive.view.jog import (
     JogAction,
     JogEvent,
     JogState,
-    edge,
     parse,
 )
 
@@ -273,27 +270,13 @@ def test_page_requests_contain_direction_and_numbers():
     assert parse('-z 10 50', 2) == ('-z', [10.0, 50.0])
 
 
-@pytest.mark.parametrize('direction', DIRECTIONS)
-def test_a_jog_ends_at_the_edge_of_the_workspace(direction, robot):
-    k = robot.kinematics
-    start = np.array([0.11, -0.07, 0.5 * (k.workspace_top_m + k.workspace_bottom_m)])
-    end = edge(start, direction, k)
-    way = np.array(DIRECTIONS[direction])
-    assert np.cross(end - start, way) == pytest.approx(np.zeros(3), abs=1e-12)
-    assert (end - start) @ way > 0.0
-    radius = 0.5 * k.workspace_diameter_m
-    gaps = [radius - np.hypot(*end[:2]), k.workspace_top_m - end[2], end[2] - k.workspace_bottom_m]
-    assert min(gaps) >= 0.0
-    beyond = end + 1.01 * EDGE_M * way
-    assert np.hypot(*beyond[:2]) > radius or not k.workspace_bottom_m < beyond[2] < k.workspace_top_m
-
-
-def test_a_robot_at_the_edge_cannot_be_jogged_further(robot):
-    top = np.array([0.0, 0.0, robot.kinematics.workspace_top_m])
-    with pytest.raises(
-        ProgramError, match=r'is at the edge of its workspace: it cannot move further in direction \+z'
-    ):
-        edge(top, '+z', robot.kinematics)
-    outside = np.array([0.0, robot.kinematics.workspace_diameter_m, -0.8])
-    with pytest.raises(ProgramError, match='edge'):
-        edge(outside, '+x', robot.kinematics)
+def test_the_direction_of_a_held_button_is_sent_only_while_the_robot_is_moved_by_it():
+    jog = Jog()
+    hold(jog, '-z', 0.0, 0.1)
+    assert jog.velocity is None
+    assert jog.start(jog.number)
+    assert jog.velocity is None
+    jog.accepted(jog.number)
+    assert jog.velocity == DIRECTIONS['-z'] == (0.0, 0.0, -1.0)
+    jog.update(0.1 + 2 * SILENT_S)
+    assert jog.velocity is None

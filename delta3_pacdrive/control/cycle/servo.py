@@ -24,6 +24,7 @@ from delta3_pacdrive.control.cycle.steering import (
     VELOCITY,
     begin_at,
     begin_stop,
+    motion_by_arms,
     servo_record,
     servo_step,
 )
@@ -35,7 +36,12 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import HARD_RISE_S, Timeline
 from delta3_pacdrive.planning.limits.limits import Limits
 
-MODES = {None: STOPPING, SetPointKind.VELOCITY: VELOCITY, SetPointKind.POSITION: POSITION}
+MODES = {
+    None: STOPPING,
+    SetPointKind.VELOCITY: VELOCITY,
+    SetPointKind.ARM_SPEEDS: VELOCITY,
+    SetPointKind.POSITION: POSITION,
+}
 CLOSE_M = 1e-7  # offset from which on a smoothed robot is on its plan: less than an increment of the encoders
 STANDING_M_S = 1e-5  # lower speeds are standstill
 STALLED_S = 0.3  # time at rest before the end of its plan after which a smoothed robot cannot reach it
@@ -97,6 +103,7 @@ class Servo(Stage):
         self._belts: BeltStage | None = None
         self._stream = SetPointStream()
         self.active = False
+        self._override = 1.0
         self._timeline: Timeline | None = None  # of the plan that is followed; None: set points
         self._rested = 0  # cycles at rest after the end of the plan, before it is reached
         self.begins = self.rest_cycle = 0  # first cycle of a motion, and first one at rest after a stop
@@ -109,11 +116,13 @@ class Servo(Stage):
         begin_at(ZERO, ZERO, ZERO, self._record, self._task)
         servo_step(self._record, self._task)
         begin_stop(self._record)
+        motion_by_arms(ZERO, self._record, self._task)
         planned_motion(0, self._task, timeline.arrays)
 
     def begin(self, cycle: int, limits: Limits, belts: BeltStage) -> None:
         """Let set points move the robot, which is at rest, from a future bus cycle on."""
         self._record = servo_record(self._parameters, limits)
+        self._record['override'] = self._override
         self._belts, self._timeline = belts, None
         begin_at(triple(self._state['tcp'][0]), ZERO, ZERO, self._record, self._task)
         self._stream.clear()
@@ -140,6 +149,12 @@ class Servo(Stage):
         self.begins, self.rest_cycle, self._rested = cycle, 0, 0
         self._timeline = timeline
         self._changed()
+
+    def set_override(self, override: float) -> None:
+        """Scale velocities, and the speed limit of positions, from the next command on; 1 = as commanded."""
+        self._override = override
+        if not self.smooths:  # a plan contains it
+            self._record['override'] = override
 
     @property
     def smooths(self) -> bool:
@@ -231,6 +246,9 @@ class Servo(Stage):
             return REST
         # the command of this cycle is reached a delay later
         goal = self._stream.goal((cycle + self._delay) * self._time, float(self._record['stop_duration'][0]))
+        if goal.kind is SetPointKind.ARM_SPEEDS:
+            velocity, acceleration = motion_by_arms(goal.velocity, self._record, self._task)
+            return replace(goal, velocity=velocity, acceleration=acceleration)
         if goal.belt < 0 or self._belts is None:
             return goal
         there, belt = self._belts.expected(goal.belt, cycle), self._belts.belts[goal.belt]

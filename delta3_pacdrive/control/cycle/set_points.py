@@ -31,11 +31,12 @@ class SetPointKind(StrEnum):
 
     VELOCITY = 'velocity'
     POSITION = 'position'
+    ARM_SPEEDS = 'arm speeds'
 
 
 @dataclass(frozen=True)
 class SetPoint:
-    """Velocity [m/s] or position [m] of the TCP, and the bus time [s] for which it holds.
+    """Velocity [m/s] or position [m] of the TCP, or speeds of the arms [rad/s], and the bus time [s] of it.
 
     ``belt`` is the number of the belt relative to which a velocity is measured; -1: the frame ``base``.
     """
@@ -64,7 +65,7 @@ class Goal:
 
     kind: SetPointKind | None = None
     position: Vector = ZERO  # [m]
-    velocity: Vector = ZERO  # [m/s]
+    velocity: Vector = ZERO  # [m/s], or of the arms [rad/s]
     acceleration: Vector = ZERO  # [m/s^2]
     belt: int = -1
 
@@ -137,7 +138,7 @@ class SetPointStream:
         if last is None:
             return REST
         age = time_s - last.time_s
-        if last.kind is SetPointKind.VELOCITY:
+        if last.kind is not SetPointKind.POSITION:
             if age > STANDSTILL_S - stop_s:
                 return REST
             return Goal(last.kind, velocity=last.values, belt=last.belt)

@@ -45,6 +45,8 @@ Arguments of the kernels here:
     Least permitted distances ``h``, ``MARGINS`` of them.
 ``most``
     Number: the maximum length of a vector, in its unit.
+``speeds``
+    Speeds of the arms [rad/s], shape (3,).
 """
 
 import math
@@ -65,6 +67,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import combine, difference, dot, length, plus, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.limits import Limits, phase_voltage_max
+from delta3_pacdrive.planning.paths.joint_path import plate_motion
 from delta3_pacdrive.planning.paths.path_dynamics import arm_motion
 from delta3_pacdrive.robot.motor import friction_torque
 
@@ -108,6 +111,7 @@ SERVO = np.dtype(
         ('voltage', 'f8'),  # [V], rms phase voltage
         ('volts_per_torque', 'f8'),  # resistance
         ('volts_per_speed', 'f8'),  # back-EMF
+        ('override', 'f8'),  # 1 = as commanded
         ('mode', 'i8'),  # STOPPING, VELOCITY or POSITION
         ('goal', 'f8', (3, 3)),  # position, velocity and acceleration of the goal when the command is reached
         ('p', 'f8', (3,)),  # of the last command
@@ -129,7 +133,7 @@ def servo_record(parameters: Parameters, limits: Limits) -> NDArray[Any]:
     record = np.zeros(1, SERVO)
     s, k, motor = record[0], parameters.kinematics, parameters.motor
     s['cycle_time'] = parameters.bus.cycle_time_s
-    s['speed'] = min(limits.speed_m_s, parameters.motion.tcp_speed_limit_m_s)
+    s['speed'], s['override'] = min(limits.speed_m_s, parameters.motion.tcp_speed_limit_m_s), 1.0
     s['acceleration'], s['jerk'] = limits.acceleration_m_s2, limits.jerk_m_s3
     s['radius'] = 0.5 * k.workspace_diameter_m
     s['top'], s['bottom'] = k.workspace_top_m, k.workspace_bottom_m
@@ -161,6 +165,15 @@ def begin_at(p, v, a, servo, task):
         for i in range(MARGINS):
             beyond = max(-h[i], 0.0)
             s.beyond[i] = beyond if n == 0 else max(s.beyond[i], beyond)
+
+
+@kernel
+def motion_by_arms(speeds, servo, task):
+    """Velocity [m/s] and acceleration [m/s^2] of the TCP at the last command for constant speeds of the arms."""
+    g, still = task[0].geometry, (0.0, 0.0, 0.0)
+    theta = arm_angles(triple(servo[0].p), g)
+    _, velocity, acceleration = plate_motion((theta, speeds, still), g)
+    return velocity, acceleration
 
 
 @kernel
@@ -261,7 +274,9 @@ def _wanted_velocity(servo):
     if s.mode == STOPPING:
         return zero, zero
     if s.mode == VELOCITY:
-        return shortened(triple(s.goal[1]), s.speed), zero
+        wanted = combine(s.override, triple(s.goal[1]), 0.0, zero, 0.0, zero)
+        forward = combine(s.override * s.override, triple(s.goal[2]), 0.0, zero, 0.0, zero)
+        return shortened(wanted, min(s.override, 1.0) * s.speed), forward
     # the goal in the cycle of the present state, one before the next command
     t, speed, forward = s.cycle_time, triple(s.goal[1]), triple(s.goal[2])
     place = combine(1.0, triple(s.goal[0]), -t, speed, 0.5 * t * t, forward)
@@ -270,7 +285,7 @@ def _wanted_velocity(servo):
     wanted = plus(speed, -t, forward)
     if distance > 0.0:
         wanted = plus(wanted, root_law(distance, POSITION_GAIN, 0.5 * s.acceleration) / distance, away)
-    return shortened(wanted, s.speed), forward
+    return shortened(wanted, min(s.override, 1.0) * s.speed), forward
 
 
 @kernel

@@ -11,6 +11,7 @@ from delta3_pacdrive.axes import numbered
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order, PlanIntake
 from delta3_pacdrive.control.messages import (
     ACCEPTED,
+    OVERRIDE,
     PROFILE,
     REVOKE,
     Numbering,
@@ -71,6 +72,7 @@ class Orders:
         self.script = ''
         self._order = 0
         self._driven = set()
+        self._state.set_override([1.0])
 
     # the planner ------------------------------------------------------------------------------------------------------
 
@@ -84,6 +86,7 @@ class Orders:
         if self._watch.planner == self._listened_to:
             return False
         self._listened_to = self._watch.planner
+        self._state.set_override([1.0])  # until the new planner sends another one
         if not self.script or self._planner != self.script:  # a program of the script is not affected
             self._order, self._driven = 0, set()
         return True
@@ -250,10 +253,13 @@ class Orders:
         return refused
 
     def take_profile(self, label: str, row: Any) -> None:
-        """Apply or reject a change; raises TelegramError if its sender or session is not active."""
+        """Apply or reject a motion profile or an override; raises TelegramError if its sender is not active."""
         origin = self._origin(label)
         if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
             raise TelegramError(f'change {origin.number} of this planner was received before')
+        if origin.kind == OVERRIDE:
+            self._state.set_override(row)
+            return
         try:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:

@@ -6,7 +6,7 @@ faults; ``Transformation`` executes them in the right bus cycle. Enabling and fa
 The module is long because every event of the motion state is a method of this class.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Protocol
@@ -28,9 +28,9 @@ from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.motion_state import TRANSITIONS, UNDER_WAY, Event, MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.planning.execution import MotionProfile
+from delta3_pacdrive.planning.execution import OVERRIDE_MAX, OVERRIDE_MIN, MotionProfile
 from delta3_pacdrive.planning.learned_torques import followed_text
 from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.plan import STANDING_M
@@ -494,6 +494,14 @@ class RobotState:
         task.servo.begin(self.starts, limits, task.tracking)
         self._enter(Event.STEER)
         return f'set points move the robot from bus cycle {self.starts} on'
+
+    def set_override(self, row: Sequence[float]) -> None:
+        """Set the override of set points, the only number of a row; raises TelegramError."""
+        if len(row) != 1 or not OVERRIDE_MIN <= row[0] <= OVERRIDE_MAX:
+            raise TelegramError(
+                f'an override must be a number from {OVERRIDE_MIN:g} to {OVERRIDE_MAX:g}, not {shown(str(list(row)))}'
+            )
+        self._task.servo.set_override(float(row[0]))
 
     def end_steering(self) -> Reason | str:
         """Stop a steered robot, which is then idle; return why not, or a description of the stop."""

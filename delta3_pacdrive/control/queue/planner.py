@@ -349,6 +349,7 @@ class Planner:
         self._change.send_due(self._now_s)
         while not self._busy and self._requests.serve_next(self._now_s, self._must_wait, self._serve):
             pass
+        self._override.publish()
 
     def _must_wait(self, request: Request) -> bool:
         return request.action in ('override', 'move') and self._override.must_wait

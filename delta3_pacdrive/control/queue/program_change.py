@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
-from delta3_pacdrive.control.actions import Changed, Ordered, Revoked
+from delta3_pacdrive.control.actions import Changed, Ordered, Overridden, Revoked
 from delta3_pacdrive.control.messages import EXTEND, Request
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState, at_percent, percent_allowed
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
@@ -202,6 +202,7 @@ class Override:
         self._act, self._reply = requests.act, requests.reply
         self.leads, self.retries = OVERRIDE_LEADS, 0
         self.value = 1.0  # 1 = as planned
+        self._sent = '', 1.0  # session of the bus, and override that the transformation task knows
         self._request = OverrideRequest(1.0, '', lasting=False)
 
     @property
@@ -209,6 +210,16 @@ class Override:
         """Whether the newest change has not taken effect yet, so that the next one cannot be planned."""
         moving = self._task.motion == MotionState.MOVING
         return moving and self._change.newest_cycle <= self._run.changes_from()
+
+    def publish(self) -> None:
+        """Send the override to the transformation task, for set points, if it has changed."""
+        status = self._task.newest
+        if status is None or not self._task.listened_to:
+            return
+        session, known = self._sent
+        if self.value != (known if session == status.session else 1.0):
+            self._act(Overridden(self._run.next_number(), self.value))
+        self._sent = status.session, self.value
 
     def ask(self, text: str, now_s: float) -> None:
         """Change the override to a value in percent; raises ProgramError if that is not possible."""

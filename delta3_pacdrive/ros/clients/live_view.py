@@ -173,6 +173,7 @@ class LiveView:
             return
         self._commands.jog_speed_m_s = 1e-3 * speed
         self._jog.heartbeat(direction, command.time_s)
+        self._commands.jog_on(direction)
 
     def _append(self, command: UiCommand) -> None:
         """Queue a command; of several overrides only the newest is kept."""
@@ -193,7 +194,7 @@ class LiveView:
             return
         if self._operator.state in IN_MOTION or self._jog.may_move:
             self._commands.moving_s = now
-            if self._operator.state == 'moving' and now - self._watched_s > GONE_S:
+            if self._operator.state in ('moving', 'steered') and now - self._watched_s > GONE_S:
                 self._commands.stop(UiCommand('hold'))
         elif not self._waiting and now - self._commands.moving_s > RELEASE_S:
             try:

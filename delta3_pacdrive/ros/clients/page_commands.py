@@ -22,14 +22,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.ros.clients.robot_reader import RobotReader
-from delta3_pacdrive.view.jog import (
-    DIRECTIONS,
-    JOG_ACCELERATION_M_S2,
-    JOG_JERK_M_S3,
-    Jog,
-    edge,
-    parse,
-)
+from delta3_pacdrive.view.jog import DIRECTIONS, JOG_LIMITS, JOG_SPEED_MAX_M_S, Jog, parse
 from delta3_pacdrive.view.page import Page
 from delta3_pacdrive.view.values import UiCommand
 
@@ -37,7 +30,7 @@ STARTS = ('start', 'resume')
 CLEARED_S = 1.0  # timeout for the report of an empty queue after a clear
 STANDSTILL_S = 3.0  # timeout for a robot to come to rest after it has accepted a stop
 REPORTS = 2  # reports to wait for after a stop: the first may have been sent before it
-IN_MOTION = ('moving', 'stopping')
+IN_MOTION = ('moving', 'steered', 'stopping')
 NAME = 'delta3 view'
 
 
@@ -47,6 +40,7 @@ class PageCommands:
     def __init__(self, page: Page, robot: RobotReader, jog: Jog) -> None:
         self._page, self._robot, self._jog = page, robot, jog
         self._operator = robot.operator
+        self._send_velocity = robot.operator.velocities()
         self.jog_speed_m_s = 0.05
         self.moving_s = time.monotonic()  # time of the last command that may move the robot
         self.urgent = False  # the current wait must not be interrupted
@@ -116,11 +110,11 @@ class PageCommands:
         with suppress(RunError):
             self._operator.wait_until(is_at_rest, 'report of standstill', STANDSTILL_S)
 
-    def _uninterrupted(self, action: str) -> str:
+    def _uninterrupted(self, action: str, text: str = '') -> str:
         """Send a request whose outcome must be known, even if a signal arrives meanwhile."""
         before, self.urgent = self.urgent, True
         try:
-            return self._operator.call(action)
+            return self._operator.call(action, text)
         finally:
             self.urgent = before
 
@@ -180,12 +174,8 @@ class PageCommands:
         queue = self._operator.queue
         if queue is not None and queue.moves:
             raise ProgramError(f'{counted(queue.moves, "move")} in the queue: clear it before you jog')
-        limits = {
-            'speed_m_s': speed_m_s,
-            'acceleration_m_s2': JOG_ACCELERATION_M_S2,
-            'jerk_m_s3': JOG_JERK_M_S3,
-        }
-        self._operator.send_program(json.dumps({'moves': [{'move_l': {'to_m': to, **limits}}]}))
+        move = {'to_m': to, 'speed_m_s': speed_m_s, **JOG_LIMITS}
+        self._operator.send_program(json.dumps({'moves': [{'move_l': move}]}))
 
     def _step(self, text: str) -> str:
         direction, (step, speed) = parse(text, 2)
@@ -194,16 +184,19 @@ class PageCommands:
         return self._start_line()
 
     def _start_jog(self, number: int) -> str:
-        """Start a motion to the edge of the workspace; releasing the button stops it."""
-        jog = self._jog
-        to = edge(self._tcp(), jog.direction, self._robot.parameters.kinematics)
-        self._send_line(to.tolist(), self.jog_speed_m_s)
-        if not jog.start(number):
-            self._remove_line()
+        """Let velocities move the robot; releasing the button stops it."""
+        if not self._jog.start(number):
             return ''
-        sentence = self._start_line()
-        jog.accepted(number)
+        limits = {'speed_m_s': JOG_SPEED_MAX_M_S, **JOG_LIMITS}
+        sentence = self._uninterrupted('steer', json.dumps(limits))
+        self._jog.accepted(number)
         return sentence
+
+    def jog_on(self, direction: str) -> None:
+        """Move on in the direction of the button that is held."""
+        if self._jog.velocity is not None and direction == self._jog.direction:
+            x, y, z = (self.jog_speed_m_s * component for component in self._jog.velocity)
+            self._send_velocity(x, y, z)
 
     def _start_line(self) -> str:
         """Start the line; if the start is rejected, remove the line from the queue."""

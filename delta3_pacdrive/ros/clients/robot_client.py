@@ -314,11 +314,11 @@ class OperatorNode(PollingNode):
         """Set the override."""
         return self.ask('unit_robot', 'override', repr(percent))
 
-    def call(self, name: str) -> str:
-        """Call the action of a service, or ``disable``; raises RefusedError if it is rejected."""
+    def call(self, name: str, text: str = '') -> str:
+        """Call the action of a service, ``disable`` or ``steer``; raises RefusedError if it is rejected."""
         if name in TASK_ACTIONS:
-            return self.ask('control', TASK_ACTIONS[name])
-        return self.ask('unit_robot', name)
+            return self.ask('control', TASK_ACTIONS[name], text)
+        return self.ask('unit_robot', name, text)
 
     def velocities(self) -> Callable[[float, float, float], None]:
         """Return a function that sends a velocity of the TCP [m/s] to a steered robot."""

@@ -14,12 +14,13 @@ from delta3_pacdrive.control.actions import (
     Changed,
     Entered,
     Ordered,
+    Overridden,
     Replied,
     Reported,
     Revoked,
     Settled,
 )
-from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin
+from delta3_pacdrive.control.messages import OVERRIDE, PROFILE, REVOKE, Origin
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.ros.planner.motion_action import MotionAction
@@ -69,6 +70,8 @@ class PlannerOutputs:
                     self._plan.publish(self._numbered(REVOKE, number, []))
                 case Changed(number, profile):
                     self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
+                case Overridden(number, override):
+                    self._change.publish(self._numbered(OVERRIDE, number, [override]))
                 case Replied(request, reason, sentence, routine):
                     self._operators.reply(request, reason, sentence, routine)
                 case Reported(report):

@@ -1,8 +1,8 @@
 """Set points of other programs that steer the robot: velocities and positions of the TCP, with their stamps.
 
-In: ``servo/twist``, ``servo/pose``; only while the robot is steered (service ``servo/enable``). Out: ``servo/state``
-(state of the steering and newest rejection). A stamp is the time of day, or bus time for senders with
-``use_sim_time``. Two senders at once steer nothing: the robot stops.
+In: ``servo/twist``, ``servo/pose``, and ``servo/joint_jog`` where ``control_msgs`` is installed; only while the robot
+is steered (service ``servo/enable``). Out: ``servo/state`` (state of the steering and newest rejection). A stamp is
+the time of day, or bus time for senders with ``use_sim_time``. Two senders at once steer nothing: the robot stops.
 """
 
 import math
@@ -19,8 +19,10 @@ from delta3_pacdrive.control.cycle.set_points import STANDSTILL_S, SetPoint, Set
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.operation.robot_controller import RobotController
-from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.wire import frames, interfaces
+from delta3_pacdrive.ros.wire.control_messages import joint_jog
 from delta3_pacdrive.ros.wire.interfaces import Topic
 from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
 
@@ -52,7 +54,9 @@ class SetPointReceiver:
             for topic, kind, read in (
                 (interfaces.SERVO_TWIST, SetPointKind.VELOCITY, velocity_of),
                 (interfaces.SERVO_POSE, SetPointKind.POSITION, position_of),
+                (joint_jog(), SetPointKind.ARM_SPEEDS, arm_speeds_of),
             )
+            if topic is not None
         ]
 
     def poll(self) -> None:
@@ -79,7 +83,11 @@ class SetPointReceiver:
             return Reason(
                 Code.CONTENT, f'a message is not a valid {topic.type.__name__}: {shown(str(error))}'
             )
-        return self._take(topic, kind, message, read(message), info['publication_sequence_number'])
+        try:
+            values = read(message)
+        except ProgramError as error:
+            return Reason.of(error)
+        return self._take(topic, kind, message, values, info['publication_sequence_number'])
 
     @property
     def _now_s(self) -> float:
@@ -100,10 +108,11 @@ class SetPointReceiver:
             return time_s
         frame = message.header.frame_id
         names = [self._prefix + belt.name for belt in task.tracking.belts]
-        if frame not in ('', self._base, *(names if kind is SetPointKind.VELOCITY else ())):
+        relative = names if kind is SetPointKind.VELOCITY else ()
+        if kind is not SetPointKind.ARM_SPEEDS and frame not in ('', self._base, *relative):
             known = ', '.join([self._base, *names])
             return Reason(Code.CONTENT, f'frame_id is {shown(frame)}, but must be one of: {known}')
-        point = SetPoint(kind, time_s, values, names.index(frame) if frame in names else -1)
+        point = SetPoint(kind, time_s, values, names.index(frame) if frame in relative else -1)
         if self._now_s - time_s < STANDSTILL_S and self._is_second(topic, number):
             return Reason(Code.CONTROL, 'two senders steer at once; the robot stops until only one is left')
         reason = task.servo.take(point, self._now_s)
@@ -166,3 +175,19 @@ def position_of(message: PoseStamped) -> Vector:
     """Return the position [m]; the orientation is not used."""
     place = message.pose.position
     return place.x, place.y, place.z
+
+
+def arm_speeds_of(message: Any) -> Vector:
+    """Return the speeds of the arms [rad/s], 0 for those without one; raises ProgramError."""
+    names, speeds = list(message.joint_names), list(message.velocities)
+    if len(message.displacements) or len(speeds) != len(names):
+        raise ProgramError(
+            f'a JointJog must have one velocity for each of its {len(names)} joints and no displacements'
+        )
+    for name in names:
+        if name not in DRIVES or names.count(name) > 1:
+            raise ProgramError(
+                f'joint_names contains {shown(name)}, but must contain each of {", ".join(DRIVES)} at most once'
+            )
+    first, second, third = (speeds[names.index(name)] if name in names else 0.0 for name in DRIVES)
+    return first, second, third

@@ -5,8 +5,9 @@ from typing import Any
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.ros.wire.interfaces import REPORT, TASK, Topic
+from delta3_pacdrive.ros.wire.interfaces import REPORT, SET_POINT, TASK, Topic
 
+JOINT_JOG = 'servo/joint_jog'
 CONTROLLER_STATE = 'unit_robot/controller_state'
 
 
@@ -26,6 +27,15 @@ def controller_state() -> Topic | None:
         return None
     content = 'expected and actual arm angles, as joint_trajectory_controller publishes them'
     return Topic(CONTROLLER_STATE, kind, REPORT, (TASK,), (), content, '100 Hz, with subscribers only')
+
+
+def joint_jog() -> Topic | None:
+    """Return the topic of the speeds of the arms of a steered robot, None without its type."""
+    kind = control_type('JointJog')
+    if kind is None:
+        return None
+    content = 'speeds of the arms [rad/s] of a steered robot'
+    return Topic(JOINT_JOG, kind, SET_POINT, (), (TASK,), content, '20 to 500 Hz')
 
 
 def joint_point(time_s: float, *rows: Any) -> JointTrajectoryPoint:

@@ -182,6 +182,47 @@ def test_a_robot_slows_down_before_a_limit_and_rests_there(velocity):
     assert robot.task.servo.steered.held_back == (np.linalg.norm(velocity) > 1e-3)
 
 
+@pytest.mark.parametrize('override', [0.01, 0.5, 1.0, 1.5])
+def test_the_override_scales_velocities_within_the_limit_of_the_speed(override):
+    robot = Robot()
+    robot.task.servo.set_override(override)
+    motion = robot.run(1000, stream(constant(0.4, 0.0, 0.0), SetPointKind.VELOCITY, 50.0))
+    assert motion.velocity[-1] == pytest.approx([0.4 * override, 0.0, 0.0], abs=1e-6)
+    fast = Robot(limits=replace(USUAL, speed_m_s=0.5))
+    fast.task.servo.set_override(override)
+    motion = fast.run(1000, stream(constant(0.6, 0.0, 0.0), SetPointKind.VELOCITY, 50.0))
+    # 0.6 m/s times the override, at most 0.5 m/s times an override below 1
+    due = min(0.6 * override, 0.5 * min(override, 1.0))
+    assert motion.velocity[-1, 0] == pytest.approx(due, abs=1e-6)
+
+
+def test_an_override_that_changes_during_the_motion_is_reached_within_the_limits():
+    robot = Robot()
+    feed = stream(constant(0.4, 0.0, 0.0), SetPointKind.VELOCITY, 50.0)
+    robot.run(500, feed)
+    robot.task.servo.set_override(0.25)
+    motion = robot.run(500, feed)
+    assert motion.velocity[-1, 0] == pytest.approx(0.1, abs=1e-6)
+    assert_within_limits(motion)
+
+
+def test_the_override_limits_the_speed_towards_positions():
+    robot = Robot(limits=replace(USUAL, speed_m_s=0.4))
+    robot.task.servo.set_override(0.5)
+    ahead = HOME + np.array([0.05, 0.0, 0.0])
+    motion = robot.run(400, stream(lambda _: tuple(ahead.tolist()), SetPointKind.POSITION, 50.0))
+    assert motion.largest[0] == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize('speeds', [(0.3, 0.3, 0.3), (0.2, -0.1, 0.0)])
+def test_speeds_of_the_arms_move_them(speeds):
+    motion = Robot().run(300, stream(constant(*speeds), SetPointKind.ARM_SPEEDS, 100.0))
+    angles = kinematics.inverse(motion.place, ROBOT.kinematics)
+    # 0.1 %: the velocity belongs to the command before, while the arms turn
+    assert (angles[-1] - angles[-2]) / T == pytest.approx(np.array(speeds), abs=1e-3 * max(speeds))
+    assert_within_limits(motion)
+
+
 def test_a_robot_slides_along_a_limit():
     robot = Robot()
     robot.run(2000, stream(constant(0.5, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
@@ -242,7 +283,11 @@ def test_a_position_at_rest_is_reached_exactly():
 @pytest.mark.parametrize('rate_hz', [20.0, 500.0])
 def test_the_robot_rests_300_ms_after_the_last_set_point(kind, rate_hz):
     def straight(time_s: float) -> tuple[float, float, float]:
-        return (1.5, 0.0, 0.0) if kind is SetPointKind.VELOCITY else (time_s, 0.0, float(HOME[2]))
+        return {
+            SetPointKind.VELOCITY: (1.5, 0.0, 0.0),
+            SetPointKind.POSITION: (time_s, 0.0, float(HOME[2])),
+            SetPointKind.ARM_SPEEDS: (2.0, 1.0, 2.0),
+        }[kind]
 
     robot = Robot()
     feed = stream(straight, kind, rate_hz, jitter_s=0.0, lost=0.0, until_s=0.35)
