@@ -32,7 +32,7 @@ RENAMED = {
     'analysis.provenance': 'studies.framework.provenance',
     'analysis.report_page.page': 'studies.report_page.page',
     'analysis.residual_vibration': 'studies.framework.residual_vibration',
-    'analysis.ripple.cases': 'studies.drives.ripple.cases',
+    'analysis.ripple.cases': 'studies.drives.ripple.run',
     'analysis.ripple.figures': 'studies.drives.ripple.figures',
     'analysis.ripple.study': 'studies.drives.ripple.study',
     'analysis.run_comparison': 'studies.runs.run_comparison',

@@ -14,9 +14,8 @@ from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
 
 from delta3_pacdrive import interrupts, simulation
-from delta3_pacdrive.bringup.braking import STOP_WALL_S, brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
-from delta3_pacdrive.bringup.monitor import LOOK_S, RobotMonitor
+from delta3_pacdrive.bringup.monitor import LOOK_S, STOP_WALL_S, RobotMonitor, brake
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, killed_sentence
 from delta3_pacdrive.bringup.robot_processes import (

@@ -46,9 +46,9 @@ from delta3_pacdrive.parameters.robot import (
     from_flat,
     groups,
     is_rich,
+    rotary_axis_parameters,
 )
 from delta3_pacdrive.parameters.rotary import Rotary
-from delta3_pacdrive.parameters.rotary_axis import rotary_axis_parameters
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
 
 __all__ = [

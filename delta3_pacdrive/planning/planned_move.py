@@ -30,10 +30,9 @@ from delta3_pacdrive.planning.timing import constant_speed
 from delta3_pacdrive.planning.timing.blending import PathSegment, name_of
 from delta3_pacdrive.planning.timing.move_grid import GRID_MAX, GRID_MIN, Stretches
 from delta3_pacdrive.planning.timing.move_planner import MovePlanner, require_duration
-from delta3_pacdrive.planning.timing.shaping import Shaper
+from delta3_pacdrive.planning.timing.shaping import Shaper, excited_mode, mean_modes
 from delta3_pacdrive.planning.timing.time_optimal_planner import TimeOptimalPlanner
 from delta3_pacdrive.planning.timing.time_parametrization import slowed
-from delta3_pacdrive.planning.timing.vibration import excited_mode, mean_modes
 
 DIRECTIONS = 33  # samples of the path direction that select the vibration mode for shaping
 SHAPED_ROUNDS_MAX = 20  # of slowing a shaped move down

@@ -38,10 +38,9 @@ from delta3_pacdrive.scripting.arguments import (
     number,
     script_error,
 )
-from delta3_pacdrive.scripting.link import HeldError, Link
+from delta3_pacdrive.scripting.link import HeldError, Link, Steering
 from delta3_pacdrive.scripting.moves import Batch, alone, is_move, unnumbered, without_wait
 from delta3_pacdrive.scripting.script_orders import BATCH_MAX, ScriptOrders
-from delta3_pacdrive.scripting.servo import Steering
 from delta3_pacdrive.scripting.source_position import NOWHERE, ScriptPlace, of_caller
 
 CALLS_MAX = 10_000  # consecutive calls without bus time

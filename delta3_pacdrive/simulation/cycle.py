@@ -49,10 +49,9 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
-from delta3_pacdrive.simulation.optional_signals import OptionalSignals
+from delta3_pacdrive.simulation.optional_signals import NAMES as TURN_NAMES
+from delta3_pacdrive.simulation.optional_signals import OptionalSignals, note_turn, note_turn_command
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
-from delta3_pacdrive.simulation.rotary_signals import NAMES as TURN_NAMES
-from delta3_pacdrive.simulation.rotary_signals import note_turn, note_turn_command
 
 REST_S = 1.0  # time without torque in which the machine comes to rest
 ROOM_CYCLES = 1024  # initial size of the signals when the duration is unknown

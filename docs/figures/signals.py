@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.studies.drives.ripple import cases, figures
+from delta3_pacdrive.studies.drives.ripple import figures, run
 from delta3_pacdrive.studies.drives.ripple.study import Results
 from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure
 from delta3_pacdrive.studies.framework.study import silent
@@ -131,7 +131,7 @@ def inside_a_cycle() -> Figure:
     """Draw what linear and cubic interpolation make of three slow bus cycles."""
     robot = d3.load_parameters().replace(bus__cycle_time_s=4e-3)
     both = [
-        cases.measure(
+        run.measure(
             d3.load_program('experiment1', robot), robot.replace(drive__interpolation=name), 1, silent
         )
         for name in ('linear', 'cubic')

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from delta3_pacdrive.bringup.braking import FRESH_S, SILENCE_S, STOP_TIMEOUT_S, brake
+from delta3_pacdrive.bringup.monitor import FRESH_S, SILENCE_S, STOP_TIMEOUT_S, brake
 from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 
 LOOK_S = 0.05

@@ -7,7 +7,7 @@ import pytest
 from visualization_msgs.msg import Marker
 
 from delta3_pacdrive.cell.cell_scene import Kind, Thing
-from delta3_pacdrive.ros.cell_markers import PARTS_MAX, SLAB_M, CellMarkers
+from delta3_pacdrive.ros.robot_markers import PARTS_MAX, SLAB_M, CellMarkers
 from delta3_pacdrive.view.values import CellInstant, PartPlace
 
 BELT = Thing(Kind.BELT, 'line', (0.1, 0.2, -0.87), math.pi / 2.0, (1.5, 0.4), 1000.0)

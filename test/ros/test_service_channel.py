@@ -15,8 +15,7 @@ from std_msgs.msg import String
 from delta3_pacdrive.cli import drive as drive_command
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
-from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE
-from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.mc4_drive import WRITABLE, MC4DriveNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, REQUEST
 

@@ -12,9 +12,9 @@ from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.resume import resume
 from delta3_pacdrive.recording.signals import TURN_SIGNALS
+from delta3_pacdrive.scripting.simulated_link import SteppedOperation
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
-from delta3_pacdrive.simulation.stepped import SteppedOperation
 
 PICK = [-0.1525, 0.0, -0.85]
 AT_THE_PLACE_DEG = 0.1  # that the tool may be off where it arrives

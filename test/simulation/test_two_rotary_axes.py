@@ -12,8 +12,8 @@ from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.resume import resume
 from delta3_pacdrive.recording.signals import TURN_SIGNALS
+from delta3_pacdrive.scripting.simulated_link import SteppedOperation
 from delta3_pacdrive.simulation.robot import Robot
-from delta3_pacdrive.simulation.stepped import SteppedOperation
 
 START, THERE = [-0.1525, 0.0, -0.85], [0.1525, 0.0, -0.85]
 ANGLES_DEG = [90.0, -40.0]

@@ -13,7 +13,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError, RobotFault, RunError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State, cases
-from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
+from delta3_pacdrive.verification.fault_catalogue.observer import judge_reference
 from delta3_pacdrive.verification.fault_catalogue.signatures import (
     AxisRecord,
     burdened,

@@ -18,11 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.belts.meeting import BeltAxes
-from delta3_pacdrive.control.cycle.learned_torques import FAULT, LearnedTorques
-from delta3_pacdrive.control.cycle.position_wait import PositionWait
 from delta3_pacdrive.control.cycle.rotary_axis import RotaryAxis, TurnFigures, require_turns
 from delta3_pacdrive.control.cycle.servo import Servo
-from delta3_pacdrive.control.cycle.stages import BeltStage, Event, Schedule, Stage
+from delta3_pacdrive.control.cycle.stages import (
+    FAULT,
+    BeltStage,
+    Event,
+    LearnedTorques,
+    PositionWait,
+    Schedule,
+    Stage,
+)
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES, TASK, initialize_history, task_constants
 from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle, give
 from delta3_pacdrive.dynamics import gravity, inertia

@@ -13,8 +13,7 @@ from delta3_pacdrive.control.messages import STOPS
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.clients.page_commands import IN_MOTION, PageCommands
-from delta3_pacdrive.ros.clients.page_scope import PageScope
+from delta3_pacdrive.ros.clients.page_commands import IN_MOTION, PageCommands, PageScope
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.clients.robot_reader import RobotReader
 from delta3_pacdrive.ros.present_robot import RobotWatch

@@ -1,7 +1,8 @@
 """Node of one MC-4 servo drive.
 
 In: ``sercos/phase``. Out: ``/diagnostics`` (1 Hz). Cyclic telegrams: ``drive_telegrams``; oscilloscope:
-``drive_scope``. Timing and bus participation: ``robot.drive.bus_drive``.
+``drive_scope``. Timing and bus participation: ``robot.drive.bus_drive``. ROS parameters that can be changed in cyclic
+operation are IDNs under their ROS names.
 """
 
 import time
@@ -9,22 +10,31 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
-from delta3_pacdrive.errors import ParameterError, Reason
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.errors import Code, ParameterError, Reason
+from delta3_pacdrive.parameters import Parameters, flatten
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
-from delta3_pacdrive.robot.drive.diagnostics import DriveFault, fault_text
-from delta3_pacdrive.robot.drive.report import report
+from delta3_pacdrive.robot.drive.diagnostics import (
+    WARNINGS,
+    DriveFault,
+    class_1_diagnostic,
+    class_2_diagnostic,
+    fault_text,
+)
+from delta3_pacdrive.robot.drive.mc4 import MC4
+from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER, TABLE, refusal
+from delta3_pacdrive.robot.drive.register import Register, writing_error
 from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, lack_of
 from delta3_pacdrive.robot.sercos.participants import Occasion
-from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation
+from delta3_pacdrive.robot.sercos.telegrams import BRAKE_FREE, BRAKE_HELD, NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Phase
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE, DriveParameters
 from delta3_pacdrive.ros.drive.drive_scope import DriveScopeServer
 from delta3_pacdrive.ros.drive.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.fault_injection import Faults
@@ -37,6 +47,90 @@ from delta3_pacdrive.ros.wire.interfaces import PHASE
 
 HEALTH_EVERY = 4  # updates between two diagnostics
 PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'}  # by published topic
+WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}  # IDN by name
+
+
+def report(drive: MC4) -> dict[str, Any]:
+    """Return state, diagnostics and counters of a drive, by SERCOS names."""
+    state = drive.state[0]
+    return {
+        'state': drive.drive_state.name,
+        'brake': BRAKE_FREE if state['brake_release'] else BRAKE_HELD,
+        'diagnostic': fault_text(drive.fault),
+        'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
+        'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',
+        'S-0-0012 class 2 diagnostic': f'{class_2_diagnostic(drive.warning):04x}',
+        'S-0-0028 MST losses': int(state['mdt_losses']),
+        'S-0-0029 MDT losses': int(state['mdt_losses']),
+        'S-0-0134 control word': f'{int(state["control"]):04x}',
+        'S-0-0135 status word': f'{int(state["status"]):04x}',
+        'overload_s': round(float(state['overload']), 3),
+    }
+
+
+class DriveParameters:
+    """Keeps the ROS parameters of one drive consistent with its register, which validates every write."""
+
+    def __init__(self, node: Node, axis: str, register: Register) -> None:
+        self._node, self._axis, self._register = node, axis, register
+        self._setting = False
+        node.add_on_set_parameters_callback(self._on_set)
+
+    def accepted(self, given: list[Parameter]) -> list[Parameter] | Reason:
+        """Return the parameters with integers as floats, or the reason why the service channel rejects them."""
+        read = [_as_float(parameter) for parameter in given]
+        return next(filter(None, map(self._refusal, read)), read)
+
+    def _refusal(self, parameter: Parameter) -> Reason | None:
+        """Return why a parameter cannot be set on its own; None if it can or if ROS checks it."""
+        if not self._node.has_parameter(parameter.name):
+            return Reason(Code.CONTENT, f'{self._axis} has no parameter {parameter.name}')
+        idn = OF_PARAMETER.get(parameter.name)
+        if idn is None or parameter.type_ != Parameter.Type.DOUBLE:
+            return None
+        access = Access(idn, Operation.WRITE, parameter.value)
+        error = writing_error(access, Phase.CP4)
+        return Reason(Code.CONTENT, refusal(access, Answer(idn, error))) if error else None
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        if self._setting:
+            return SetParametersResult(successful=True)
+        before = self._register.parameters
+        self._setting = True
+        try:
+            for parameter in parameters:
+                if parameter.name not in WRITABLE:
+                    continue
+                answer = self._register.write(WRITABLE[parameter.name], float(parameter.value), Phase.CP4)
+                if answer.error:
+                    self._register.restore(before)  # all or none
+                    return SetParametersResult(successful=False, reason=self._register.refusal)
+        finally:
+            self._setting = False
+        return SetParametersResult(successful=True)
+
+    def follow(self, parameters: Parameters, cycle: int) -> None:
+        """Update the ROS parameters to the values written in a bus cycle."""
+        values = flatten(parameters)
+        changed = [
+            Parameter(name, value=values[name])
+            for name in WRITABLE
+            if self._node.get_parameter(name).value != values[name]
+        ]
+        for parameter in changed:
+            self._node.get_logger().info(
+                f'{self._axis}: {parameter.name} = {parameter.value:g} from bus cycle {cycle} on'
+            )
+        if not self._setting:
+            self._setting = True
+            self._node.set_parameters(changed)
+            self._setting = False
+
+
+def _as_float(parameter: Parameter) -> Parameter:
+    if parameter.name in WRITABLE and parameter.type_ == Parameter.Type.INTEGER:
+        return Parameter(parameter.name, value=float(parameter.value))
+    return parameter
 
 
 class DriveReport:

@@ -18,8 +18,8 @@ from std_msgs.msg import String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.recording.bag_recording import Recording, Write
 from delta3_pacdrive.recording.bags.bag_writer import FLUSH_S
+from delta3_pacdrive.recording.bags.completeness import Recording, Write
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.clients.remote_parameters import RemoteParameters
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot, overrides

@@ -30,11 +30,10 @@ from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.robot.sercos.telegram_codec import Decoded
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS, Telegram, joint_states
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.cell_markers import CellMarkers
 from delta3_pacdrive.ros.clients.cell_reader import CellReader
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.present_robot import RobotWatch
-from delta3_pacdrive.ros.robot_markers import RobotMarkers
+from delta3_pacdrive.ros.robot_markers import CellMarkers, RobotMarkers
 from delta3_pacdrive.ros.wire import cdr, frames
 from delta3_pacdrive.ros.wire.interfaces import (
     CLOCK,

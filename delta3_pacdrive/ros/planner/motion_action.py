@@ -22,8 +22,11 @@ from delta3_pacdrive.control.queue.request_tracker import Phase
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire import frames
+from delta3_pacdrive.ros.wire.motion_primitives import sequence_program
 
 # error codes of a result; every other failure ends as an invalid goal
 SUCCESSFUL, INVALID_GOAL = 'SUCCESSFUL', 'INVALID_GOAL'
@@ -33,6 +36,7 @@ ERROR_CODES: dict[Code | Arrival, str] = {
 }
 STOP_S = 5.0  # for the robot to come to rest after a failed goal
 Answer = Callable[[bool], None]
+INDEX_MAX = 255  # the field of the feedback has 8 bits
 
 
 def error_code_of(code: Code | Arrival) -> str:
@@ -234,3 +238,36 @@ class MotionAction(ABC):
         result.error_code = getattr(result, error_code, result.INVALID_GOAL)
         result.error_string = sentence
         self._server.end(handle, result)
+
+
+class MotionSequence(MotionAction):
+    """The action ``~/motion_sequence``, compatible with motion_primitives_controllers.
+
+    A goal is a sequence of motion primitives. It is executed like a program that is sent to the service
+    ``unit_robot/move`` of a robot at rest with an empty queue.
+    """
+
+    name, success = '~/motion_sequence', 'the motion primitives were executed'
+
+    def __init__(
+        self,
+        node: RobotNode,
+        action: Any,
+        planner: Planner,
+        operators: PlannerServices,
+        lengths: Kinematics,
+    ) -> None:
+        super().__init__(node, action, planner, operators)
+        self._lengths, self._base = lengths, frames.base_of(node)
+        self._reported = ('', -1)  # request and index of the newest feedback
+
+    def _request(self, goal: Any) -> Request:
+        start_m = self._require_idle('a sequence')
+        text = sequence_program(goal.trajectory.motions, start_m, self._lengths, self._base)
+        return self._operators.request('move', text)
+
+    def _publish_feedback(self, running: Goal) -> None:
+        news = running.request.identity, min(running.index, INDEX_MAX)
+        if news != self._reported:
+            self._reported = news
+            running.handle.publish_feedback(self._action.Feedback(current_primitive_index=news[1]))

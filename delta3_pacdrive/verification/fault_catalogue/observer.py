@@ -1,8 +1,9 @@
-"""An operator that injects one fault at a time and collects telegrams, logs and diagnostics."""
+"""An operator that injects one fault at a time, collects telegrams, logs and diagnostics, and judges the path."""
 
 import json
 import time
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from std_msgs.msg import Float64MultiArray, String
@@ -11,6 +12,8 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.bringup.robot_processes import PROCESS_OF
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
@@ -22,6 +25,30 @@ from delta3_pacdrive.ros.wire.qos import REPORT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from
+
+# an undisturbed run deviates from the line by 0.07 mm and ends within 0.01 mm
+REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
+
+
+def judge_reference(tcp: Floats, home: Floats, away: Floats, fault: str) -> float:
+    """Return the path deviation of a reference move [m]; raises RunError if it is larger than usual."""
+    if fault:
+        raise RunError(f'the reference move ended with a fault: {fault}')
+    off = distance_from_line(tcp, home, away)
+    end = float(np.linalg.norm(tcp[-1] - home))
+    if off > REFERENCE_LINE_M or end > REFERENCE_END_M:
+        raise RunError(
+            f'the reference move is {off * 1e3:.3f} mm off its line and ends {end * 1e3:.3f} mm off'
+        )
+    return off
+
+
+def distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
+    """Return the maximum distance [m] of points from a line segment."""
+    along = end - start
+    square = float(along @ along)
+    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
+    return float(np.linalg.norm(points - start - share[:, None] * along, axis=1).max(initial=0.0))
 
 
 class FaultObserver(AutomatedOperator):

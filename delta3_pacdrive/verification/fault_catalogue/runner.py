@@ -18,7 +18,11 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.robot.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
-from delta3_pacdrive.verification.fault_catalogue.observer import FaultObserver
+from delta3_pacdrive.verification.fault_catalogue.observer import (
+    FaultObserver,
+    distance_from_line,
+    judge_reference,
+)
 from delta3_pacdrive.verification.fault_catalogue.signatures import OF_AXIS, AxisRecord, coupling_of_arms
 from delta3_pacdrive.verification.operator import EXPLANATION_S, run_operated
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS
@@ -35,8 +39,6 @@ HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # range of the path in which a hold is comm
 ROUNDS = 40  # of a program that lasts longer than the planner's timeout
 DISABLED_S = 0.3  # bus time without torque in the exercise
 COOLING_S = 6.0  # bus time in which the I2t integral decays
-# an undisturbed run deviates from the line by 0.07 mm and ends within 0.01 mm
-REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
 HEAVY_KG = 2.0
 SETTLE_S = 0.1
 THERE_M, THERE_RAD = 0.01, 0.01
@@ -46,27 +48,6 @@ PAYLOAD_KG = 0.3  # tolerance of the payload estimated from arm torques
 
 class _MissedError(RunError):
     """The fault missed its intended state; the case is repeated."""
-
-
-def judge_reference(tcp: Floats, home: Floats, away: Floats, fault: str) -> float:
-    """Return the path deviation of a reference move [m]; raises RunError if it is larger than usual."""
-    if fault:
-        raise RunError(f'the reference move ended with a fault: {fault}')
-    off = _distance_from_line(tcp, home, away)
-    end = float(np.linalg.norm(tcp[-1] - home))
-    if off > REFERENCE_LINE_M or end > REFERENCE_END_M:
-        raise RunError(
-            f'the reference move is {off * 1e3:.3f} mm off its line and ends {end * 1e3:.3f} mm off'
-        )
-    return off
-
-
-def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
-    """Return the maximum distance [m] of points from a line segment."""
-    along = end - start
-    square = float(along @ along)
-    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
-    return float(np.linalg.norm(points - start - share[:, None] * along, axis=1).max(initial=0.0))
 
 
 class Catalogue(FaultObserver):
@@ -145,7 +126,7 @@ class Catalogue(FaultObserver):
         held = self._static_torque() if case.kind == 'payload_lost' else 0.0
         end = self._begin(case)
         outcome.reported = self._observe(case)
-        outcome.deviation_m = _distance_from_line(self._log.tcp(), self._home, end)
+        outcome.deviation_m = distance_from_line(self._log.tcp(), self._home, end)
         self._time_detection(case, outcome)
         if not outcome.reported:
             self._exercise(case)
@@ -153,7 +134,7 @@ class Catalogue(FaultObserver):
             outcome.reported = self.fault
             outcome.exercised = outcome.reported is not None
             outcome.deviation_m = max(
-                outcome.deviation_m, _distance_from_line(self._log.tcp(), self._home, self._away)
+                outcome.deviation_m, distance_from_line(self._log.tcp(), self._home, self._away)
             )
         if KINDS[case.kind].telegram or case.kind in OF_AXIS:
             # telegrams must prove the fault: a log message that it begins is not sufficient

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.control.cycle.learned_torques import FADE_CYCLES
+from delta3_pacdrive.control.cycle.stages import FADE_CYCLES
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.learned_torques import Learned, Origin

@@ -7,8 +7,7 @@ import pytest
 import yaml
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.control.cycle.position_wait import PositionWait
-from delta3_pacdrive.control.cycle.stages import Event, Schedule
+from delta3_pacdrive.control.cycle.stages import Event, PositionWait, Schedule
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode

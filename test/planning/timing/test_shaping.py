@@ -10,8 +10,7 @@ from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.planning.paths.move import MoveKind, check_phases
 from delta3_pacdrive.planning.paths.virtual_master import plan_master, sample_master
 from delta3_pacdrive.planning.plan import sample_plan
-from delta3_pacdrive.planning.timing.shaping import Shaper
-from delta3_pacdrive.planning.timing.vibration import excited_mode, mean_modes
+from delta3_pacdrive.planning.timing.shaping import Shaper, excited_mode, mean_modes
 from planned import around, dwell, motors, only, plan, refusal, to
 
 SHAPINGS = ('zv', 'zvd', 'smooth')

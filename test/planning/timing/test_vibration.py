@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import UnreachableError
-from delta3_pacdrive.planning.timing.vibration import excited_mode, vibration_modes
+from delta3_pacdrive.planning.timing.shaping import excited_mode, vibration_modes
 
 PLACE = np.array([0.1525, 0.0, -0.85])
 # no gain, no friction: the rotors are free

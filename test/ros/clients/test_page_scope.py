@@ -10,8 +10,8 @@ import pytest
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.planning.program.model import Dwell, Program
 from delta3_pacdrive.recording.acquisition import Acquisition, Record
-from delta3_pacdrive.ros.clients import page_scope
-from delta3_pacdrive.ros.clients.page_scope import PageScope
+from delta3_pacdrive.ros.clients import page_commands
+from delta3_pacdrive.ros.clients.page_commands import PageScope
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 
@@ -76,7 +76,7 @@ def test_drawn_samples_are_those_of_the_simulation(graph: Any, page: Watching) -
 def test_rolling_record_continues_until_ended_or_unwatched(
     graph: Any, page: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(page_scope, 'ROLLED_S', 0.0)
+    monkeypatch.setattr(page_commands, 'ROLLED_S', 0.0)
     graph.robot()
     page.begin('axis1.current', mode='rolling')
     page.until(lambda: len(page.records) > 3 and len(page.records[-1].values) == 1600, 'it rolls')
@@ -86,7 +86,7 @@ def test_rolling_record_continues_until_ended_or_unwatched(
     shown = len(page.records)
     page.begin('axis1.current', mode='rolling')
     page.until(lambda: len(page.records) > shown, 'it rolls again')
-    monkeypatch.setattr(page_scope, 'LEFT_S', 0.1)
+    monkeypatch.setattr(page_commands, 'LEFT_S', 0.1)
     page.watched = False
     page.until(lambda: 'samples of a channel' in page.told[-1][0], 'it is ended')
     page.oscilloscope.end()
@@ -121,7 +121,7 @@ def test_missing_robot_and_invalid_input_are_reported(
         "a drive has no channel 'sped': did you mean speed?: see delta3 scope list",
         True,
     )
-    monkeypatch.setattr(page_scope, 'PATIENCE_S', 0.3)
+    monkeypatch.setattr(page_commands, 'PATIENCE_S', 0.3)
     page.begin('axis1.speed')
     sentence, refused = page.until_told('no drives with an oscilloscope within 0.3 s')
     assert refused

@@ -20,8 +20,7 @@ from delta3_pacdrive import load_program
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.parameters import flatten, load
 from delta3_pacdrive.planning.adapted_program import rest_of
-from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE
-from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.mc4_drive import WRITABLE, MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode

@@ -9,7 +9,7 @@ from delta3_pacdrive.control.queue.planning_job import Job, Result
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.parameters import load
 from delta3_pacdrive.planning.program.adaptation import AS_IT_IS
-from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
+from delta3_pacdrive.ros.planner.planner_outputs import PlanningThread
 
 HOME = (0.0, 0.0, -0.75)
 DEADLINE_S = 60.0
@@ -96,7 +96,7 @@ def test_exception_in_a_job_is_its_result(
     def fail(*_: object) -> None:
         raise MemoryError('no room')
 
-    monkeypatch.setattr('delta3_pacdrive.ros.planner.planning_thread.run_job', fail)
+    monkeypatch.setattr('delta3_pacdrive.ros.planner.planner_outputs.run_job', fail)
     thread.begin(job(1, LINE))
     (result,) = results_of(thread, 1)
     assert result.reason is not None

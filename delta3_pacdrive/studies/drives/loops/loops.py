@@ -27,8 +27,7 @@ from delta3_pacdrive.parameters.notch import notches
 from delta3_pacdrive.robot.drive import cascade, notch
 from delta3_pacdrive.robot.drive.arrays import NOTCH_CONSTANTS, drive_constants
 from delta3_pacdrive.studies.drives.loops.load import Gear
-from delta3_pacdrive.studies.drives.loops.periodic import Periodic
-from delta3_pacdrive.studies.drives.loops.response import Complex
+from delta3_pacdrive.studies.drives.loops.response import Complex, Periodic
 
 cubic_way, cubic_slope, cubic_bend = (
     interpreted(kernel) for kernel in (cascade.cubic_way, cascade.cubic_slope, cascade.cubic_bend)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.studies.drives.one_motor.motor_run import SingleRun
+    from delta3_pacdrive.studies.drives.one_motor.study import SingleRun
     from delta3_pacdrive.studies.framework.report_folder import Drawings
 
 BLACK: dict[str, Any] = {'color': '#111111', 'linewidth': 1.0}

@@ -7,7 +7,7 @@ import numpy as np
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import share_text, thermal_warnings
-from delta3_pacdrive.studies.drives.one_motor.motor_run import SingleRun
+from delta3_pacdrive.studies.drives.one_motor.study import SingleRun
 from delta3_pacdrive.studies.framework.columns import cells, fill, named_lines
 from delta3_pacdrive.studies.framework.report_folder import Table
 

@@ -21,8 +21,7 @@ from delta3_pacdrive.studies.framework.report_folder import Drawings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.studies.drives.ripple.cases import Case
-    from delta3_pacdrive.studies.drives.ripple.study import Results
+    from delta3_pacdrive.studies.drives.ripple.study import Case, Results
 
 CURRENTS = 'currents.png'
 CYCLES_SHOWN = (1, 2)  # bus cycles before the selected one, and from it on

@@ -181,17 +181,5 @@ class CycleTable:
         return cycles
 
 
-def check(table: CycleTable, plans: int, seed: int) -> Floats:
-    """Return the errors of tabulated cycle times against plans of the same random cycles [s]."""
-    draw = np.random.default_rng(seed)
-    spread = table.station.belt.spread_m
-    across = draw.uniform(-spread, spread, plans)
-    earliest, latest = table.starts_m(across)
-    part = draw.uniform(earliest, np.maximum(earliest, latest))
-    planned = np.array([table.station.cycle_s(float(y), float(p)) for y, p in zip(across, part, strict=True)])
-    off: Floats = table.cycles_s(across, part) - planned
-    return off
-
-
 def _straight(to_m: list[float]) -> Statement:
     return {'move_l': {'to_m': to_m}}

@@ -8,7 +8,8 @@ import numpy as np
 
 from delta3_pacdrive.configuration.strict_reader import expected
 from delta3_pacdrive.errors import LineError, shown
-from delta3_pacdrive.studies.fleet.line import cycle_times, figures, report, shift, specification
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.studies.fleet.line import figures, report, shift, specification
 from delta3_pacdrive.studies.fleet.line import shift as parts
 from delta3_pacdrive.studies.fleet.line.cycle_times import CycleTable, Station
 from delta3_pacdrive.studies.fleet.line.design import Line
@@ -21,6 +22,18 @@ from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 from delta3_pacdrive.studies.runs.inputs import with_digests
 
 ERROR_MAX_S = 2e-3  # of a tabulated cycle time
+
+
+def check(table: CycleTable, plans: int, seed: int) -> Floats:
+    """Return the errors of tabulated cycle times against plans of the same random cycles [s]."""
+    draw = np.random.default_rng(seed)
+    spread = table.station.belt.spread_m
+    across = draw.uniform(-spread, spread, plans)
+    earliest, latest = table.starts_m(across)
+    part = draw.uniform(earliest, np.maximum(earliest, latest))
+    planned = np.array([table.station.cycle_s(float(y), float(p)) for y, p in zip(across, part, strict=True)])
+    off: Floats = table.cycles_s(across, part) - planned
+    return off
 
 
 @dataclass
@@ -102,7 +115,7 @@ class Study(studies.Study):
             self.on_progress('plans for comparison', number * plans // len(tables), plans)
             own = (number + 1) * plans // len(tables) - number * plans // len(tables)
             if own:
-                worst = max(worst, float(np.abs(cycle_times.check(table, own, self.line.seed)).max()))
+                worst = max(worst, float(np.abs(check(table, own, self.line.seed)).max()))
         if worst > ERROR_MAX_S:
             raise LineError(
                 f'the tables of cycle times deviate by {1e3 * worst:.2f} ms from plans, but must be within '

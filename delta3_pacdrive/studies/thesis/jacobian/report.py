@@ -10,12 +10,18 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.studies.framework.columns import csv_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table, columns_of
 from delta3_pacdrive.studies.thesis.jacobian import condition
-from delta3_pacdrive.studies.thesis.jacobian.causes import LATE, PRINTED_JACOBIAN_DOT, WITHOUT_JACOBIAN_DOT
 from delta3_pacdrive.studies.thesis.jacobian.condition import Sweep
 from delta3_pacdrive.studies.thesis.jacobian.deviation import THRESHOLD, Deviation, largest_momentary
 from delta3_pacdrive.studies.thesis.jacobian.mapping import LENGTHS, JointMotion, Pose
 from delta3_pacdrive.studies.thesis.jacobian.motion import Motion, Signals
-from delta3_pacdrive.studies.thesis.jacobian.study import Results, Settings, Trial
+from delta3_pacdrive.studies.thesis.jacobian.study import (
+    LATE,
+    PRINTED_JACOBIAN_DOT,
+    WITHOUT_JACOBIAN_DOT,
+    Results,
+    Settings,
+    Trial,
+)
 
 IMPLAUSIBLE_M = 0.01  # error of a length that drawings and drilling cannot cause
 QUANTITIES = ('velocity', 'acceleration')

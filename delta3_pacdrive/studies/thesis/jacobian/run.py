@@ -1,22 +1,77 @@
-"""Jacobian study: comparison of joint motions and its report."""
+"""Jacobian study: comparison of joint motions, causes of their differences other than wrong lengths, and the report."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ParameterError, ReportError
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Kinematics
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.provenance import Provenance
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 from delta3_pacdrive.studies.runs.inputs import with_digests
 from delta3_pacdrive.studies.thesis.jacobian import condition, figures, report
-from delta3_pacdrive.studies.thesis.jacobian.causes import causes, courses
-from delta3_pacdrive.studies.thesis.jacobian.mapping import inexact, joint_motion
+from delta3_pacdrive.studies.thesis.jacobian.deviation import Deviation
+from delta3_pacdrive.studies.thesis.jacobian.mapping import (
+    inexact,
+    joint_motion,
+    with_printed_jacobian_dot,
+    without_jacobian_dot,
+)
 from delta3_pacdrive.studies.thesis.jacobian.motion import Motion, load
 from delta3_pacdrive.studies.thesis.jacobian.sensitivity import sensitivities, tolerance
-from delta3_pacdrive.studies.thesis.jacobian.study import Results, Settings, Trial
+from delta3_pacdrive.studies.thesis.jacobian.study import (
+    LATE,
+    PRINTED_JACOBIAN_DOT,
+    WITHOUT_JACOBIAN_DOT,
+    Cause,
+    Course,
+    Results,
+    Settings,
+    Trial,
+)
 
 ERROR_MAX_M = 0.1  # a larger error means another robot, or a value in millimetres
+CONSECUTIVE = 1.5  # largest distance of consecutive samples, in sample times
+
+
+def causes(motion: Motion, kinematics: Kinematics) -> list[Cause]:
+    """Return the deviations by a bus cycle between TCP and joints, by omitting Jdot, and by (4.15) as printed."""
+    rows = []
+    for name, quantity, _, calculated, recorded in _compared(motion, kinematics):
+        found = Deviation.of(calculated, recorded).summary()
+        rows.append(Cause(name, quantity, found['of_peak']['max'], found['momentary']['max']))
+    return rows
+
+
+def courses(motion: Motion, kinematics: Kinematics) -> list[Course]:
+    """Return the deviations of ``causes`` over time."""
+    found = []
+    for name, quantity, rows, calculated, recorded in _compared(motion, kinematics):
+        values = np.full((len(motion.time_s), 3), np.nan)
+        values[rows] = Deviation.of(calculated, recorded).of_peak
+        found.append(Course(name, quantity, values))
+    return found
+
+
+def _compared(motion: Motion, kinematics: Kinematics) -> list[tuple[str, str, Any, Floats, Floats]]:
+    """Return for each cause name, quantity, rows in which it is defined, calculated and recorded values there."""
+    exact = joint_motion(motion, kinematics)
+    pairs = np.flatnonzero(np.diff(motion.time_s) < CONSECUTIVE * motion.period_s)
+    now, before = pairs + 1, pairs
+    without, printed = (
+        make(motion, kinematics) for make in (without_jacobian_dot, with_printed_jacobian_dot)
+    )
+    every = slice(None)
+    return [
+        (LATE, 'velocity', now, exact.velocity[now], motion.thetadot[before]),
+        (LATE, 'acceleration', now, exact.acceleration[now], motion.thetaddot[before]),
+        (WITHOUT_JACOBIAN_DOT, 'acceleration', every, without, motion.thetaddot),
+        (PRINTED_JACOBIAN_DOT, 'acceleration', every, printed, motion.thetaddot),
+    ]
 
 
 @dataclass

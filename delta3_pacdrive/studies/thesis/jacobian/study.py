@@ -4,14 +4,38 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.studies.thesis.jacobian.causes import Cause, Course
 from delta3_pacdrive.studies.thesis.jacobian.condition import Sweep
-from delta3_pacdrive.studies.thesis.jacobian.mapping import JointMotion, Pose
+from delta3_pacdrive.studies.thesis.jacobian.mapping import (
+    JointMotion,
+    Pose,
+)
 from delta3_pacdrive.studies.thesis.jacobian.motion import Motion, Signals
 from delta3_pacdrive.studies.thesis.jacobian.sensitivity import Sensitivity
 
 # the single length whose error comes closest to the 10 %, 5 %, 10 % of the peak velocities in the thesis
 ERRORS_M = {'R_A': 0.035}
+LATE = 'one bus cycle between TCP and joints'
+WITHOUT_JACOBIAN_DOT = 'Jdot left out of (4.16)'
+PRINTED_JACOBIAN_DOT = '(4.15) as printed, + Sdot J'
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Largest deviations [%] that a cause makes on its own."""
+
+    name: str
+    quantity: str
+    of_peak: float
+    momentary: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """Deviation [% of the peak] over time by a single cause, shape (n, 3); nan without a previous sample."""
+
+    name: str
+    quantity: str
+    of_peak: Floats
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import pytest
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.studies.drives.one_motor import figures, motor_run, report
+from delta3_pacdrive.studies.drives.one_motor import figures, report
+from delta3_pacdrive.studies.drives.one_motor.run import run_motor
 from delta3_pacdrive.studies.framework.study import silent
 from reports_read import curves
 
@@ -26,7 +27,7 @@ def short(robot):
 
 def single(short, robot, **motor):
     changed = robot.replace(**{f'motor__{name}': value for name, value in motor.items()})
-    return motor_run.run(short, changed, 2, silent)
+    return run_motor(short, changed, 2, silent)
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,7 @@ import pytest
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.planning.program import file_reader as program_file
-from delta3_pacdrive.studies.drives.ripple import cases, figures
+from delta3_pacdrive.studies.drives.ripple import figures, run
 from delta3_pacdrive.studies.drives.ripple.study import Results
 from delta3_pacdrive.studies.framework.study import silent
 from delta3_pacdrive.studies.runs.run_signals import AFTER_S
@@ -87,7 +87,7 @@ def test_there_is_a_picture_for_each_cycle_time_and_one_of_all_currents(folder):
 def test_the_jerk_is_that_of_the_torque_above_100_hz(robot):
     time_s = np.arange(16000) / 16e3
     slow, fast = 5.0 * np.sin(math.tau * 20.0 * time_s), 0.1 * np.sin(math.tau * 500.0 * time_s)
-    found = np.sqrt(np.mean(cases.jerk(np.column_stack([slow + fast, slow, fast]), robot) ** 2, axis=0))
+    found = np.sqrt(np.mean(run.jerk(np.column_stack([slow + fast, slow, fast]), robot) ** 2, axis=0))
     arm = robot.motor.torque_constant_n_m_a * 32.0 / robot.drive.observer_arm_inertia_kg_m2
     expected = arm * 0.1 * math.tau * 500.0 / math.sqrt(2.0)
     assert found == pytest.approx([expected, 0.0, expected], rel=0.01, abs=0.02 * expected)
@@ -99,7 +99,7 @@ def short(robot):
 
 
 def test_the_samples_are_those_of_the_simulation_with_the_exact_exchange(short, robot):
-    case = cases.measure(short, robot, 2, silent)
+    case = run.measure(short, robot, 2, silent)
     trace = simulation.run(short, robot.replace(bus__exchange_period_s=125e-6))
     start = trace.meta['start_cycle']
     rows = slice(start, trace.meta['end_cycle'] + round(AFTER_S / 1e-3))
@@ -116,7 +116,7 @@ def test_the_samples_are_those_of_the_simulation_with_the_exact_exchange(short, 
 
 
 def test_the_picture_shows_one_cycle_before_and_one_after_with_the_samples_of_the_at(short, robot):
-    case = cases.measure(short, robot, 1, silent)
+    case = run.measure(short, robot, 1, silent)
     figure = figures.inside_a_cycle(Results('short', 1, (case,), 0.02), [case])
     current = figure.axes[2]
     every, told = current.get_lines()[1:3]

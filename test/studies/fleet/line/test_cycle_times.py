@@ -8,8 +8,8 @@ import pytest
 from delta3_pacdrive.belts.meeting import Meeting, Work, meet
 from delta3_pacdrive.belts.synchronization import ZERO, Motion
 from delta3_pacdrive.errors import LineError
-from delta3_pacdrive.studies.fleet.line.cycle_times import CycleTable, Station, check
-from delta3_pacdrive.studies.fleet.line.run import ERROR_MAX_S
+from delta3_pacdrive.studies.fleet.line.cycle_times import CycleTable, Station
+from delta3_pacdrive.studies.fleet.line.run import ERROR_MAX_S, check
 from lines import ROBOT, document, line_of, tables_of
 
 

@@ -10,8 +10,9 @@ from delta3_pacdrive.planning.paths.virtual_master import sample_master
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.studies.framework.provenance import Provenance
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
-from delta3_pacdrive.studies.places.planning import evaluation, figures, recorded_move, report
+from delta3_pacdrive.studies.places.planning import evaluation, figures, report
 from delta3_pacdrive.studies.places.planning.study import Quantity
+from delta3_pacdrive.studies.runs.bag_events import of_recorded_move
 from thoroughness import some
 
 START = [-0.2, 0.0, -0.8]
@@ -281,7 +282,7 @@ def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
 def test_recorded_move_has_the_limits_of_its_program(case, robot):
     moves, quantity = CASES[case]
     found = studied(moves, robot)
-    recorded = recorded_move.of_recorded_move(found.planned.plan.move(0), robot)
+    recorded = of_recorded_move(found.planned.plan.move(0), robot)
     if quantity in (Quantity.RMS_CURRENT, Quantity.TORQUE_RATE):  # one move alone does not tell it
         assert recorded is None
     else:
@@ -291,7 +292,7 @@ def test_recorded_move_has_the_limits_of_its_program(case, robot):
 def test_recording_does_not_reveal_limits_that_vary_along_a_move(robot):
     corner = {'to_m': [0.0, 0.0, -0.8], 'acceleration_m_s2': 4.0, 'blend_m': 0.02}
     moves = [{'move_l': corner}, {'move_l': {'to_m': [0.0, 0.2, -0.8], 'acceleration_m_s2': 12.0}}]
-    assert recorded_move.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None
+    assert of_recorded_move(planned(moves, robot).plan.move(0), robot) is None
 
 
 def test_where_a_time_optimal_program_is_at_no_other_limit_its_rms_current_keeps_it_from_being_faster(robot):

@@ -23,16 +23,15 @@ from delta3_pacdrive.studies.thesis.jacobian import (
     sensitivity,
     study,
 )
-from delta3_pacdrive.studies.thesis.jacobian.causes import (
-    LATE,
-    PRINTED_JACOBIAN_DOT,
-    WITHOUT_JACOBIAN_DOT,
-    causes,
-    courses,
-)
 from delta3_pacdrive.studies.thesis.jacobian.deviation import Deviation, peaks
 from delta3_pacdrive.studies.thesis.jacobian.mapping import LENGTHS, JointMotion, Pose, inexact, joint_motion
 from delta3_pacdrive.studies.thesis.jacobian.motion import Signals
+from delta3_pacdrive.studies.thesis.jacobian.run import causes, courses
+from delta3_pacdrive.studies.thesis.jacobian.study import (
+    LATE,
+    PRINTED_JACOBIAN_DOT,
+    WITHOUT_JACOBIAN_DOT,
+)
 from thoroughness import some
 
 NUMERICALLY_NIL = (1e-8, 1e-4)  # percent: rounding of 1e-16 m over steps of 1 ms, once and squared
