@@ -38,10 +38,11 @@ from delta3_pacdrive.scripting.arguments import (
     number,
     script_error,
 )
-from delta3_pacdrive.scripting.link import HeldError, Link, Steering
+from delta3_pacdrive.scripting.link import HeldError, Link
 from delta3_pacdrive.scripting.moves import Batch, alone, is_move, unnumbered, without_wait
 from delta3_pacdrive.scripting.script_orders import BATCH_MAX, ScriptOrders
 from delta3_pacdrive.scripting.source_position import NOWHERE, ScriptPlace, of_caller
+from delta3_pacdrive.scripting.steering import Steering
 
 CALLS_MAX = 10_000  # consecutive calls without bus time
 
@@ -256,7 +257,7 @@ class Robot:
             self._link.steer(cycle, limits)
             self._orders.effect = cycle
         try:
-            yield Steering(self._link, call)
+            yield Steering(self._link, call, self.wait_time)
         finally:
             with self._errors_at(NOWHERE):
                 self._link.cancel(max(cycle, self._link.poll().cycle + self.parameters.decision_cycles))

@@ -102,15 +102,20 @@ def main(robot):
         for n in range(30):
             steering.position(x - 0.05 * math.sin(n / 10), y, z)
             robot.wait_time(0.025)
+        robot.wait_time(0.4)
+        steering.play(STREAM)
     robot.move_l(to_mm=[0, 0, -750])
 """
+STREAM = 'time_s,vx_m_s,vy_m_s,vz_m_s\n0,0.1,0,0\n0.013,0.2,0.1,0\n0.0405,0.1,-0.1,0.05\n0.2,-0.2,0,0\n'
 
 
 def test_a_steered_robot_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
     steers, bag = tmp_path / 'steers.py', tmp_path / 'bag'
-    steers.write_text(STEERS)
+    stream = tmp_path / 'stream.csv'
+    stream.write_text(STREAM)
+    steers.write_text(STEERS.replace('STREAM', repr(str(stream))))
     robot = parameters.load(parameters.of_run(None, str(steers)))
     with scripting.simulate(robot) as simulated:
         scripts.load(steers).run(simulated)

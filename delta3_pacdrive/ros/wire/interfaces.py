@@ -541,10 +541,11 @@ OVERRIDE = Topic(
 SERVO_TWIST = Topic(
     'servo/twist', TwistStamped, SET_POINT, (), (TASK,),
     'velocity of the TCP [m/s] of a steered robot, in the frame `base` or of a belt', '20 to 500 Hz',
+    recorded=True,
 )
 SERVO_POSE = Topic(
     'servo/pose', PoseStamped, SET_POINT, (), (TASK,), 'position of the TCP [m] of a steered robot', '20 to 500 Hz',
-    _BASE,
+    _BASE, recorded=True,
 )
 SERVO_STATE = Topic(
     'servo/state', DiagnosticStatus, LATCHED, (TASK,), (),
