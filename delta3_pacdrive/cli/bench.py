@@ -15,7 +15,7 @@ Text = Callable[[Any], Iterable[str]]
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
 KINDS = (
     'graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network',
-    'shaping',
+    'shaping', 'steering',
 )  # fmt: skip
 
 
@@ -67,7 +67,15 @@ class Options(JsonOptions):
         type=integer_within(1, 100_000),
         only=('shaping',),
     )
-    output: str | None = option('cell: folder for table and figures', 'DIR', only=('cell',))
+    streams: int | None = option(
+        'steering: number of random streams (default: 1000)',
+        'N',
+        type=integer_within(1, 10_000_000),
+        only=('steering',),
+    )
+    output: str | None = option(
+        'cell, steering: folder for table and figures', 'DIR', only=('cell', 'steering')
+    )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
@@ -105,6 +113,8 @@ def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
         return robots.text, robots.measure(seconds, options.robots, options.json)
     if options.what == 'cell':
         return _cell(options)
+    if options.what == 'steering':
+        return _steering(options)
     from delta3_pacdrive.benchmarks import control, estimation, motion, shaping, simulation, sweep
 
     if options.what == 'estimation':
@@ -127,28 +137,51 @@ def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
 
 
 def _cell(options: Options) -> tuple[Text, dict[str, Any]]:
-    from pathlib import Path
-
     from delta3_pacdrive.benchmarks import belts as belt_bench
-    from delta3_pacdrive.studies.framework.provenance import Provenance
-    from delta3_pacdrive.studies.framework.report_folder import ReportFolder, require_writable_folder
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
 
     require_writable_folder(options.output)
     with Progress() as progress:
         result = belt_bench.measure(seconds=options.seconds or belt_bench.SECONDS, show=progress.show)
-    if options.output is not None:
-        folder = ReportFolder(Path(options.output), Provenance.of(options.command_line))
-        drawings, lines = belt_bench.drawings(result), belt_bench.text(result)
-        result = folder.results('Picking from a belt', result, lines, [belt_bench.table(result)], drawings)
-    return belt_bench.text, result
+    tables, drawings = [belt_bench.table(result)], belt_bench.drawings(result)
+    return belt_bench.text, _reported(
+        options, 'Picking from a belt', belt_bench.text, result, (tables, drawings)
+    )
+
+
+def _steering(options: Options) -> tuple[Text, dict[str, Any]]:
+    from delta3_pacdrive.benchmarks import steering
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
+
+    require_writable_folder(options.output)
+    with Progress() as progress:
+        result = steering.measure(options.streams or steering.STREAMS, progress.show)
+    parts = [steering.table(result)], steering.drawings(result)
+    return steering.text, _reported(options, 'Steering on line', steering.text, result, parts)
+
+
+def _reported(
+    options: Options, title: str, text: Text, result: dict[str, Any], parts: tuple[Any, Any]
+) -> dict[str, Any]:
+    """Write the report if requested, with tables and drawings; return the result."""
+    from pathlib import Path
+
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+
+    if options.output is None:
+        return result
+    tables, drawings = parts
+    folder = ReportFolder(Path(options.output), Provenance.of(options.command_line))
+    return folder.results(title, result, text(result), tables, drawings)
 
 
 main = Command(
     'bench',
     'Measure the graph (timing, processor time, memory), several robots on one machine, planning, the speed of '
     'simulation and kinematics, the coverage of confidence intervals of estimates, the packaging cycle with each '
-    'controller, the residual vibration with each input shaper, picking from a belt, sweeps with one and two workers, '
-    'or a robot with its drives on another host.',
+    'controller, the residual vibration with each input shaper, picking from a belt, steering on line, sweeps with one '
+    'and two workers, or a robot with its drives on another host.',
     Options,
     run,
 )

@@ -7,14 +7,17 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from delta3_pacdrive.benchmarks import graph, motion, robots, shaping, simulation
+from delta3_pacdrive import parameters
+from delta3_pacdrive.benchmarks import graph, motion, robots, shaping, simulation, steering
 from delta3_pacdrive.benchmarks.case import in_child, program_file
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import bench
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 
@@ -330,3 +333,32 @@ def test_case_with_a_killed_benchmark_ends_without_output():
     )
     assert ended.returncode == -signal.SIGKILL
     assert ended.stderr == ''
+
+
+def test_the_benchmark_of_steering_prints_shares_lags_and_dead_ends():
+    result = steering.measure(3)
+    assert result['streams']['count'] == 3
+    assert result['streams']['dead_ends'] == 0
+    assert {row['rate_hz'] for row in result['lags']} == set(steering.RATES_HZ)
+    assert max(result['streams']['shares'].values()) <= 1.001
+    result |= {'step_s': 5.3e-6, 'standstill': [{'kind': 'velocity', 'rest_s': 0.2995, 'limit_s': 0.3}]}
+    result['streams']['shares'] = {'speed': 0.99996, 'motors': 0.98}
+    result['lags'] = [{'rate_hz': 20.0, 'lag_s': -0.007, 'deviation_max_m': 0.01509, 'jerk_max_m_s3': 600.0}]
+    lines = list(steering.text(result))
+    assert lines[1] == '  speed 100.00 %, motors 98.00 %'
+    assert lines[4].split() == ['20', 'Hz', '-7', 'ms', '15.09', 'mm', '600', 'm/s3']
+    assert lines[5] == 'standstill after the last set point at 1 m/s: velocity 300 ms'
+    assert lines[6] == 'one step: 5.3 us'
+
+
+def test_a_motion_beyond_a_limit_has_a_share_above_one():
+    robot = parameters.load()
+    limits = Limits(0.1, 1.0, 10.0)
+    rows = np.zeros((10, 3, 3))
+    rows[:, 0] = (0.0, 0.0, -0.8)
+    rows[:, 1, 0] = 0.2
+    shares = steering.Motion.of(rows, 1e-3).shares(robot, limits)
+    assert shares['speed'] == pytest.approx(2.0)
+    assert shares['jerk'] == 0.0
+    rows[:, 0, 2] = robot.kinematics.workspace_bottom_m * 1.01
+    assert steering.Motion.of(rows, 1e-3).shares(robot, limits)['workspace'] == pytest.approx(1.01)

@@ -1,13 +1,14 @@
 """Tests of steering on line: limits, boundaries, delay, stops, and the acceptance of set points."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.benchmarks.steering import Motion, SteeredRobot, curve, lag_s, stream
 from delta3_pacdrive.control.cycle.servo import checked_limits, default_limits, limits_of
 from delta3_pacdrive.control.cycle.set_points import (
     AHEAD_S,
@@ -18,13 +19,11 @@ from delta3_pacdrive.control.cycle.set_points import (
     SetPointKind,
     SetPointStream,
 )
-from delta3_pacdrive.control.cycle.transformation import DISABLE_CYCLES, Transformation
+from delta3_pacdrive.control.cycle.transformation import DISABLE_CYCLES
 from delta3_pacdrive.errors import Code, ProgramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.limits import Limits
-from delta3_pacdrive.planning.limits.violations import compared
-from delta3_pacdrive.planning.paths.path_dynamics import path_coefficients, timed_dynamics
 
 ROBOT = parameters.load()
 HOME = np.array(ROBOT.motion.home_m)
@@ -34,95 +33,8 @@ USUAL = default_limits(ROBOT)
 SHARE = 1e-3  # by which a limit may be exceeded
 
 
-@dataclass
-class Motion:
-    """Commanded motion of the TCP: one row per bus cycle, of shape (cycles, 3)."""
-
-    place: Floats
-    velocity: Floats
-    acceleration: Floats
-
-    @property
-    def jerk(self) -> Floats:
-        """Jerk between two bus cycles [m/s^3]."""
-        return np.diff(self.acceleration, axis=0) / T
-
-    @property
-    def largest(self) -> tuple[float, float, float]:
-        """Largest speed, acceleration and jerk."""
-        speed, acceleration, jerk = (
-            float(np.linalg.norm(rows, axis=1).max())
-            for rows in (self.velocity, self.acceleration, self.jerk)
-        )
-        return speed, acceleration, jerk
-
-
-class Robot:
-    """The transformation task of a steered robot, without drives."""
-
-    def __init__(self, robot: Parameters = ROBOT, limits: Limits = USUAL, home: Floats = HOME) -> None:
-        self.task = Transformation(robot)
-        self.task.locate(kinematics.inverse(home, robot) * robot.dynamics.gear_ratio)
-        self.task.servo.begin(0, limits, self.task.tracking)
-        self.cycle = 0
-
-    @property
-    def now_s(self) -> float:
-        return self.cycle * T
-
-    def run(self, cycles: int, feed: Callable[[float], list[SetPoint]] = lambda _: []) -> Motion:
-        """Run bus cycles; ``feed`` returns the set points that arrive before a bus time [s]."""
-        rows = np.empty((cycles, 3, 3))
-        for n in range(cycles):
-            for point in feed(self.now_s):
-                self.task.servo.take(point, self.now_s)
-            self.task.command(self.cycle)
-            state = self.task.state[0]
-            offset = state['offset'] if state['tracks'] else np.zeros((3, 3))
-            rows[n] = state['tcp'], offset[1], offset[2]
-            self.cycle += 1
-        return Motion(*np.moveaxis(rows, 1, 0))
-
-
-def stream(
-    value: Callable[[float], tuple[float, float, float]],
-    kind: SetPointKind,
-    rate_hz: float,
-    seed: int = 1,
-    jitter_s: float = 0.02,
-    lost: float = 0.05,
-    until_s: float = math.inf,
-) -> Callable[[float], list[SetPoint]]:
-    """Return the feed of a stream whose messages are late by up to ``jitter_s`` and partly lost."""
-    random = np.random.default_rng(seed)
-
-    def messages() -> Iterator[tuple[float, SetPoint]]:
-        arrived = 0.0
-        for n in range(10**6):
-            at = n / rate_hz
-            if at > until_s:
-                return
-            # a connection keeps the order of its messages
-            arrived = max(arrived, at + random.uniform(0.0, jitter_s))
-            if random.random() >= lost:
-                yield arrived, SetPoint(kind, at, value(at))
-
-    source = messages()
-    waiting: list[tuple[float, SetPoint]] = []
-
-    def feed(now_s: float) -> list[SetPoint]:
-        found = []
-        while True:
-            if not waiting:
-                following = next(source, None)
-                if following is None:
-                    return found
-                waiting.append(following)
-            if waiting[0][0] > now_s:
-                return found
-            found.append(waiting.pop()[1])
-
-    return feed
+def steered(robot: Parameters = ROBOT, limits: Limits = USUAL, home: Floats = HOME) -> SteeredRobot:
+    return SteeredRobot(robot, limits, home)
 
 
 def constant(x: float, y: float, z: float) -> Callable[[float], tuple[float, float, float]]:
@@ -131,34 +43,15 @@ def constant(x: float, y: float, z: float) -> Callable[[float], tuple[float, flo
 
 def assert_within_limits(motion: Motion, robot: Parameters = ROBOT, limits: Limits = USUAL) -> None:
     """Check speed, acceleration, jerk, workspace, arms, motor speed, voltage and current of every command."""
-    speed, acceleration, jerk = motion.largest
-    assert speed <= limits.speed_m_s * (1.0 + SHARE)
-    assert acceleration <= limits.acceleration_m_s2 * (1.0 + SHARE)
-    assert jerk <= limits.jerk_m_s3 * (1.0 + SHARE)
-    k, (x, y, z) = robot.kinematics, motion.place.T
-    assert np.hypot(x, y).max() <= 0.5 * k.workspace_diameter_m * (1.0 + SHARE)
-    assert k.workspace_bottom_m * (1.0 + SHARE) <= z.min()
-    assert z.max() <= k.workspace_top_m * (1.0 - SHARE)
-    # as one path over time: the master's distance is time itself
-    n = len(motion.place)
-    samples = np.stack([motion.place, motion.velocity, motion.acceleration, np.zeros((n, 3))], axis=1)
-    c = path_coefficients(samples, np.zeros(n, np.int64), (robot.dynamics.payload_mass_kg,), robot)
-    degrees = np.degrees(c[:, 0:3])
-    assert degrees.min() >= k.arm_angle_min_deg * (1.0 + SHARE)
-    assert degrees.max() <= k.arm_angle_max_deg * (1.0 + SHARE)
-    assert c[:, 18:21].min() >= k.serial_singularity_min * (1.0 - SHARE)
-    assert np.degrees(c[:, 21:24]).max() <= k.forearm_swing_max_deg * (1.0 + SHARE)
-    assert c[:, 24].min() >= k.parallel_singularity_min * (1.0 - SHARE)
-    master = np.stack([np.arange(n) * T, np.ones(n), np.zeros(n), np.zeros(n)], axis=1)
-    entries = compared(timed_dynamics(master[:, 0], master, samples, c, robot), robot)
-    assert max(float(entry.stretch.max()) for entry in entries) <= 1.0 + SHARE
+    exceeded = {name: share for name, share in motion.shares(robot, limits).items() if share > 1.0 + SHARE}
+    assert not exceeded
 
 
 # velocities
 
 
 def test_a_velocity_is_reached_and_kept():
-    motion = Robot().run(1000, stream(constant(0.2, -0.1, 0.0), SetPointKind.VELOCITY, 50.0))
+    motion = steered().run(1000, stream(constant(0.2, -0.1, 0.0), SetPointKind.VELOCITY, 50.0))
     assert motion.velocity[300:] == pytest.approx(np.tile((0.2, -0.1, 0.0), (700, 1)), abs=1e-6)
     # position, velocity and acceleration belong together: constant jerk within a cycle
     chord = np.diff(motion.place, axis=0) / T
@@ -176,7 +69,7 @@ def test_a_velocity_is_reached_and_kept():
     ],
 )  # fmt: skip
 def test_a_robot_slows_down_before_a_limit_and_rests_there(velocity):
-    robot = Robot()
+    robot = steered()
     motion = robot.run(4000, stream(constant(*velocity), SetPointKind.VELOCITY, 100.0))
     assert_within_limits(motion)
     assert robot.task.servo.steered.held_back == (np.linalg.norm(velocity) > 1e-3)
@@ -184,11 +77,11 @@ def test_a_robot_slows_down_before_a_limit_and_rests_there(velocity):
 
 @pytest.mark.parametrize('override', [0.01, 0.5, 1.0, 1.5])
 def test_the_override_scales_velocities_within_the_limit_of_the_speed(override):
-    robot = Robot()
+    robot = steered()
     robot.task.servo.set_override(override)
     motion = robot.run(1000, stream(constant(0.4, 0.0, 0.0), SetPointKind.VELOCITY, 50.0))
     assert motion.velocity[-1] == pytest.approx([0.4 * override, 0.0, 0.0], abs=1e-6)
-    fast = Robot(limits=replace(USUAL, speed_m_s=0.5))
+    fast = steered(limits=replace(USUAL, speed_m_s=0.5))
     fast.task.servo.set_override(override)
     motion = fast.run(1000, stream(constant(0.6, 0.0, 0.0), SetPointKind.VELOCITY, 50.0))
     # 0.6 m/s times the override, at most 0.5 m/s times an override below 1
@@ -197,7 +90,7 @@ def test_the_override_scales_velocities_within_the_limit_of_the_speed(override):
 
 
 def test_an_override_that_changes_during_the_motion_is_reached_within_the_limits():
-    robot = Robot()
+    robot = steered()
     feed = stream(constant(0.4, 0.0, 0.0), SetPointKind.VELOCITY, 50.0)
     robot.run(500, feed)
     robot.task.servo.set_override(0.25)
@@ -207,7 +100,7 @@ def test_an_override_that_changes_during_the_motion_is_reached_within_the_limits
 
 
 def test_the_override_limits_the_speed_towards_positions():
-    robot = Robot(limits=replace(USUAL, speed_m_s=0.4))
+    robot = steered(limits=replace(USUAL, speed_m_s=0.4))
     robot.task.servo.set_override(0.5)
     ahead = HOME + np.array([0.05, 0.0, 0.0])
     motion = robot.run(400, stream(lambda _: tuple(ahead.tolist()), SetPointKind.POSITION, 50.0))
@@ -216,7 +109,7 @@ def test_the_override_limits_the_speed_towards_positions():
 
 @pytest.mark.parametrize('speeds', [(0.3, 0.3, 0.3), (0.2, -0.1, 0.0)])
 def test_speeds_of_the_arms_move_them(speeds):
-    motion = Robot().run(300, stream(constant(*speeds), SetPointKind.ARM_SPEEDS, 100.0))
+    motion = steered().run(300, stream(constant(*speeds), SetPointKind.ARM_SPEEDS, 100.0))
     angles = kinematics.inverse(motion.place, ROBOT.kinematics)
     # 0.1 %: the velocity belongs to the command before, while the arms turn
     assert (angles[-1] - angles[-2]) / T == pytest.approx(np.array(speeds), abs=1e-3 * max(speeds))
@@ -224,7 +117,7 @@ def test_speeds_of_the_arms_move_them(speeds):
 
 
 def test_a_robot_slides_along_a_limit():
-    robot = Robot()
+    robot = steered()
     robot.run(2000, stream(constant(0.5, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
     motion = robot.run(8000, lambda now: [SetPoint(SetPointKind.VELOCITY, now, (0.3, 0.4, 0.0))])
     assert_within_limits(motion)
@@ -238,40 +131,17 @@ def test_a_robot_slides_along_a_limit():
 # positions
 
 
-def circle(time_s: float) -> tuple[float, float, float]:
-    angle = math.tau * 0.7 * time_s
-    return (
-        0.1 * math.cos(angle) - 0.1,
-        0.1 * math.sin(angle),
-        float(HOME[2]) + 0.02 * math.sin(2.0 * angle) - 0.03,
-    )
-
-
-def lag_s(motion: Motion, curve: Callable[[float], tuple[float, float, float]]) -> float:
-    """Return the delay of the TCP behind a curve that explains its motion best."""
-    times = np.arange(len(motion.place)) * T
-    actual = [np.interp(times - DELAY_S, times, column) for column in motion.place.T]
-    settled = times > 0.5
-
-    def deviation(lag: float) -> float:
-        wanted = np.array([curve(time - lag) for time in times[settled]])
-        return float(((np.array(actual).T[settled] - wanted) ** 2).sum())
-
-    lags = np.arange(-0.02, 0.06, 0.001)
-    return float(lags[np.argmin([deviation(lag) for lag in lags])])
-
-
 @pytest.mark.parametrize('rate_hz', [20.0, 50.0, 125.0, 500.0])
 def test_the_tcp_follows_a_smooth_stream_within_25_ms(rate_hz):
-    motion = Robot().run(3000, stream(circle, SetPointKind.POSITION, rate_hz))
+    motion = steered().run(3000, stream(curve, SetPointKind.POSITION, rate_hz))
     assert_within_limits(motion)
     # the parabola through positions every 50 ms leads a little
-    assert -0.015 <= lag_s(motion, circle) <= 0.025
+    assert -0.015 <= lag_s(motion, ROBOT) <= 0.025
 
 
 def test_a_position_at_rest_is_reached_exactly():
     goal = (0.15, -0.05, -0.8)
-    motion = Robot().run(1500, stream(constant(*goal), SetPointKind.POSITION, 50.0))
+    motion = steered().run(1500, stream(constant(*goal), SetPointKind.POSITION, 50.0))
     assert motion.place[-1] == pytest.approx(goal, abs=1e-7)
     assert_within_limits(motion)
 
@@ -289,7 +159,7 @@ def test_the_robot_rests_300_ms_after_the_last_set_point(kind, rate_hz):
             SetPointKind.ARM_SPEEDS: (2.0, 1.0, 2.0),
         }[kind]
 
-    robot = Robot()
+    robot = steered()
     feed = stream(straight, kind, rate_hz, jitter_s=0.0, lost=0.0, until_s=0.35)
     motion = robot.run(1000, feed)
     assert np.linalg.norm(motion.velocity, axis=1)[:350].max() > 0.5
@@ -300,17 +170,15 @@ def test_the_robot_rests_300_ms_after_the_last_set_point(kind, rate_hz):
 
 
 def test_a_stop_is_smooth_and_ends_the_steering():
-    robot = Robot()
+    robot = steered()
     feed = stream(constant(0.8, 0.0, 0.0), SetPointKind.VELOCITY, 100.0)
     before = robot.run(300, feed)
     robot.task.servo.end(robot.cycle)
     rest = robot.task.servo.rest_cycle
     after = robot.run(400, feed)
-    assert_within_limits(
-        Motion(
-            *(np.concatenate(rows) for rows in zip(vars(before).values(), vars(after).values(), strict=True))
-        )
-    )
+    parts = 'place', 'velocity', 'acceleration'
+    rows = [np.concatenate([getattr(before, name), getattr(after, name)]) for name in parts]
+    assert_within_limits(Motion(*rows, T))
     assert not robot.task.servo.active
     assert robot.task.state['tracks'][0] == 0
     assert (after.place[rest - 300 :] == after.place[-1]).all()
@@ -319,7 +187,7 @@ def test_a_stop_is_smooth_and_ends_the_steering():
 
 
 def test_a_hard_stop_is_that_of_a_fault():
-    robot = Robot()
+    robot = steered()
     robot.run(300, stream(constant(1.5, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
     robot.task.stop_at(robot.cycle, hard=True)
     first = robot.run(1)
@@ -338,10 +206,10 @@ def test_a_hard_stop_is_that_of_a_fault():
 
 def test_a_robot_beyond_a_limit_can_only_return():
     outside = np.array([0.61, 0.0, -0.8])
-    robot = Robot(home=outside)
+    robot = steered(home=outside)
     motion = robot.run(500, stream(constant(0.3, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
     assert motion.place[:, 0].max() <= 0.61 + 1e-6
-    back = Robot(home=outside).run(1000, stream(constant(-0.3, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
+    back = steered(home=outside).run(1000, stream(constant(-0.3, 0.0, 0.0), SetPointKind.VELOCITY, 100.0))
     assert back.place[-1, 0] < 0.5
     assert (np.diff(back.place[:, 0]) <= 1e-12).all()
 
@@ -354,7 +222,7 @@ def test_a_robot_beyond_a_limit_can_only_return():
     ],
 )
 def test_a_robot_in_a_corner_of_several_limits_can_leave_it(place, limits):
-    robot = Robot(limits=limits, home=np.array(place))
+    robot = steered(limits=limits, home=np.array(place))
     back = 5.0 * (np.array((0.0, 0.0, -0.8)) - place)
     feed = stream(constant(*back.tolist()), SetPointKind.VELOCITY, 100.0)
     motion = robot.run(500, feed)
@@ -372,7 +240,7 @@ def test_small_and_large_limits_hold(limits):
         SetPointKind.VELOCITY,
         100.0,
     )
-    assert_within_limits(Robot(limits=limits).run(3000, turning), limits=limits)
+    assert_within_limits(steered(limits=limits).run(3000, turning), limits=limits)
 
 
 def test_a_heavy_payload_slows_the_steps_not_the_checks():
@@ -381,7 +249,7 @@ def test_a_heavy_payload_slows_the_steps_not_the_checks():
     turning = stream(
         lambda t: (4.0 * math.cos(9.0 * t), 4.0 * math.sin(9.0 * t), 0.0), SetPointKind.VELOCITY, 100.0
     )
-    assert_within_limits(Robot(heavy, limits).run(2000, turning), heavy, limits)
+    assert_within_limits(steered(heavy, limits).run(2000, turning), heavy, limits)
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -398,7 +266,7 @@ def test_random_streams_stay_within_all_limits_and_never_end(seed):
         x, y, z = (values if seed % 2 else places)[int(time_s * 20.0) % 200]
         return float(x), float(y), float(z)
 
-    robot = Robot(limits=limits)
+    robot = steered(limits=limits)
     motion = robot.run(1500, stream(value, kind, float(random.choice([20.0, 60.0, 400.0])), seed))
     assert_within_limits(motion, limits=limits)
     # it can still be steered home
@@ -458,7 +326,7 @@ def test_a_rejected_set_point_changes_nothing():
         bad = [velocity(now_s, math.nan, 0.0, 0.0), velocity(now_s - 1.0), velocity(now_s + 5.0)]
         return [*bad, *wrong(now_s), *bad]
 
-    robot, other = Robot(), Robot()
+    robot, other = steered(), steered()
     assert (robot.run(500, smooth).place == other.run(500, disturbed).place).all()
     assert other.task.servo.rejected == 3000
 
