@@ -39,7 +39,7 @@ class Status(_Refusing):
     previous: str  # session before of the same master, empty in its first one
     serial: int  # number of the message in this session
     planner: str  # identity of the active planner, empty without one
-    state: str  # of the motion: idle, moving, stopping, stopped, error
+    state: str  # of the motion: idle, moving, steered, stopping, stopped, error
     phase: str  # of the bus
     refusal: str  # why an order would be rejected now, empty if it would be accepted
     refusal_code: str

@@ -88,7 +88,7 @@ class InputFacts:
 class Facts:
     """The values of the readout, in addition to an instant."""
 
-    state: str = ''  # of the motion: idle, moving, stopping, stopped, error; empty without a robot
+    state: str = ''  # of the motion: idle, moving, steered, stopping, stopped, error; empty without a robot
     enabled: bool = False  # torque is requested
     in_torque: bool = False
     phase: str = ''

@@ -362,3 +362,19 @@ def test_a_motion_beyond_a_limit_has_a_share_above_one():
     assert shares['jerk'] == 0.0
     rows[:, 0, 2] = robot.kinematics.workspace_bottom_m * 1.01
     assert steering.Motion.of(rows, 1e-3).shares(robot, limits)['workspace'] == pytest.approx(1.01)
+
+
+def test_the_figure_of_steering_shows_the_tcp_on_its_curve():
+    figure = steering.follow(parameters.load(), 50.0)
+    place, speed, acceleration = figure.axes
+    assert figure.get_suptitle() == 'A stream of 50 Hz with 20 ms jitter, 5 % lost'
+    assert [axes.get_ylabel() for axes in figure.axes] == ['y [mm]', 'speed [m/s]', 'acceleration [m/s2]']
+    assert acceleration.get_xlabel() == 'time [s]'
+    lines = {line.get_label(): line for line in place.lines}
+    assert set(lines) == {'set points at arrival', 'curve', 'TCP'}
+    away = lines['TCP'].get_ydata() - lines['curve'].get_ydata()
+    assert np.abs(away[500:]).max() < 3.0
+    assert lines['curve'].get_ydata().max() == pytest.approx(100.0, abs=0.1)
+    assert acceleration.lines[0].get_ydata().max() == pytest.approx(15.0, rel=1e-3)
+    # 0.1 m at 0.7 revolutions per second
+    assert speed.lines[0].get_ydata()[700] == pytest.approx(0.1 * 0.7 * 2.0 * np.pi, rel=0.1)

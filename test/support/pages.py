@@ -271,7 +271,7 @@ def run_block(
     folder: Path,
 ) -> None:
     """Run one block; ``others`` are the commands in terminals of their own, ``names`` those of Python."""
-    if block.language == 'text' or block.mark == 'elsewhere':
+    if (block.language == 'text' and not block.file) or block.mark == 'elsewhere':
         return
     for command in block.ends:
         end(others.pop(command))

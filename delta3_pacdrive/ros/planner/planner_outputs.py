@@ -1,6 +1,7 @@
 """Execution of the planner's actions on the graph and in the planning thread.
 
-Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
+Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, steered, stopping, stopped,
+error).
 """
 
 import queue

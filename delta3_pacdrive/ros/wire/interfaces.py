@@ -428,7 +428,8 @@ OUTPUTS = Topic(
     CHANGE, recorded=True,
 )
 MOTION_STATE = Topic(
-    'motion/state', String, LATCHED, (TASK,), (), 'idle, moving, stopping, stopped, error', CHANGE, recorded=True
+    'motion/state', String, LATCHED, (TASK,), (), 'idle, moving, steered, stopping, stopped, error', CHANGE,
+    recorded=True,
 )
 LOCATED = Topic(
     'motion/located', PointStamped, LATCHED, (TASK,), (),
@@ -487,7 +488,7 @@ PLANNER_ALIVE = Topic(
 
 # operators
 PLANNER_STATE = Topic(
-    'unit_robot/state', String, LATCHED, (PLANNER,), (), 'idle, moving, stopping, stopped, error', CHANGE
+    'unit_robot/state', String, LATCHED, (PLANNER,), (), 'idle, moving, steered, stopping, stopped, error', CHANGE
 )
 ANSWER = Topic(
     'unit_robot/answer', String, LATCHED, (PLANNER,), (),
