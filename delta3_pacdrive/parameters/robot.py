@@ -27,7 +27,7 @@ from delta3_pacdrive.parameters.records import (
     Rich,
 )
 from delta3_pacdrive.parameters.rotary import GROUPS as ROTARY_GROUPS
-from delta3_pacdrive.parameters.rotary import Rotary
+from delta3_pacdrive.parameters.rotary import Rotary, present_axes
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
@@ -78,7 +78,7 @@ class Parameters:
     @functools.cached_property
     def rotary_axes(self) -> tuple[Rotary, ...]:
         """The rotary axes of the tool in order, empty for a robot of three axes."""
-        return tuple(rotary for rotary in (self.rotary, self.rotary_2) if rotary.present)
+        return tuple(axis for _, axis in present_axes(self.rotary, self.rotary_2))
 
     @functools.cached_property
     def axes(self) -> tuple[str, ...]:
@@ -165,8 +165,7 @@ class Parameters:
 
         Values of absent rotary axes are excluded, so that the digests of such robots do not change.
         """
-        left_out = tuple(f'{group}.' for group in ROTARY_GROUPS[len(self.rotary_axes) :])
-        text = repr(sorted(one for one in flatten(self).items() if not one[0].startswith(left_out)))
+        text = repr(sorted(_flat(self, len(self.rotary_axes)).items()))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def replace(self, **values: Any) -> 'Parameters':
@@ -203,6 +202,13 @@ _FIELDS: dict[str, tuple[str, ...]] = {
 }
 
 
+# by the number of rotary axes whose values count
+_FIELDS_WITH = tuple(
+    {group: names for group, names in _FIELDS.items() if group not in ROTARY_GROUPS[count:]}
+    for count in range(len(ROTARY_GROUPS) + 1)
+)
+
+
 def groups() -> dict[str, Any]:
     """Return the group classes by name, in the order of the file."""
     return dict(_GROUPS)
@@ -213,10 +219,14 @@ def flatten(parameters: Parameters, absent: bool = False) -> dict[str, Any]:
 
     Values of an absent second rotary axis are included only if ``absent``.
     """
+    return _flat(parameters, len(ROTARY_GROUPS) if absent else max(1, len(parameters.rotary_axes)))
+
+
+def _flat(parameters: Parameters, rotary: int) -> dict[str, Any]:
+    """Return the values by dotted name, those of the first ``rotary`` rotary axes included."""
     return {
         f'{group}.{name}': getattr(getattr(parameters, group), name)
-        for group, names in _FIELDS.items()
-        if absent or group not in ROTARY_GROUPS[1:] or getattr(parameters, group).present
+        for group, names in _FIELDS_WITH[rotary].items()
         for name in names
     }
 

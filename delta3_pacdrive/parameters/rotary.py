@@ -110,16 +110,20 @@ def violation(name: str, value: Any, rule: str) -> tuple[str, str]:
     return name, f'{name} is {value}, but {rule}'
 
 
+def present_axes(*axes: Rotary) -> tuple[tuple[str, Rotary], ...]:
+    """Return group and values of those rotary axes that a robot has."""
+    return tuple((group, axis) for group, axis in zip(GROUPS, axes, strict=True) if axis.present)
+
+
 def broken_rotary(rotary: Rotary, rotary_2: Rotary) -> Iterator[tuple[str, str]]:
     """Yield violated rules between values of the rotary axes; absent axes have none."""
     if rotary_2.present and not rotary.present:
         yield violation(
             'rotary_2.present', 'true', 'the robot has no first rotary axis (rotary.present is false)'
         )
-    for group, axis in zip(GROUPS, (rotary, rotary_2), strict=True):
-        if axis.present:
-            for name, rule in _broken_axis(group, axis):
-                yield violation(f'{group}.{name}', f'{getattr(axis, name):g}', rule)
+    for group, axis in present_axes(rotary, rotary_2):
+        for name, rule in _broken_axis(group, axis):
+            yield violation(f'{group}.{name}', f'{getattr(axis, name):g}', rule)
 
 
 def _broken_axis(group: str, axis: Rotary) -> Iterator[tuple[str, str]]:

@@ -28,7 +28,7 @@ from delta3_pacdrive.planning.program.model import (
     turns_of,
 )
 from delta3_pacdrive.planning.program.parts import Part, parts
-from delta3_pacdrive.planning.rotating_move import NO_AXIS, axis_text, tool_text, turn_load
+from delta3_pacdrive.planning.rotating_move import axis_text, require_rotary_axes, tool_text, turn_load
 from delta3_pacdrive.planning.round_planner import Arches, PlanRequest, RoundPlanner
 from delta3_pacdrive.planning.thermal_load import AppendedLoad, ThermalLoad
 from delta3_pacdrive.planning.timing import time_parametrization
@@ -124,12 +124,12 @@ def plan(
 def _start_turns(program: Program, turns_rad: Sequence[float], parameters: Parameters) -> tuple[float, ...]:
     """Return the angle of each rotary axis before a program [rad]; empty if the program does not define them."""
     given, axes = program.start_turns_rad, parameters.rotary_axes
-    if len(given) > len(axes):
-        raise ProgramError(f'program "{program.name}": {NO_AXIS[len(axes)]}')
+    require_rotary_axes(len(given), len(axes), f'program "{program.name}": ')
     if not given and not any(map(turns_of, program.statements)):
         return ()
     # a robot whose angles are unknown is at the start of the program, or at home
-    actual = turns_rad or (*given, *(rotary.home_rad for rotary in axes[len(given) :]))
+    known = (*turns_rad, *given[len(turns_rad) :])
+    actual = (*known, *(rotary.home_rad for rotary in axes[len(known) :]))
     starts = zip(given, actual, strict=False)
     checked = (_start_turn(program, *start, parameters, number) for number, start in enumerate(starts))
     return (*checked, *actual[len(given) :])

@@ -36,28 +36,28 @@ STEEPEST = 1e-12  # rotations below this slope [rad/m] are zero
 
 UNLIMITED = Limits(math.inf, math.inf, math.inf)
 # by the number of rotary axes of the robot
-NO_AXIS = (
+_NO_AXIS = (
     'it turns the tool, but the robot has no rotary axis (rotary.present is false)',
     'it turns a second rotary axis, but the robot has one (rotary_2.present is false)',
 )
+_AXIS_TEXTS = ((), ('the rotary axis',), ('axis4', 'axis5'))
+_TOOL_TEXTS = ((), ('the tool',), ('the tool on axis4', 'the tool on axis5'))
 
 
-def require_rotary_axes(count: int, parameters: Parameters) -> None:
-    """Raise ProgramError if the robot has fewer than ``count`` rotary axes."""
-    present = len(parameters.rotary_axes)
+def require_rotary_axes(count: int, present: int, where: str = '') -> None:
+    """Raise ProgramError, with the place ``where``, if ``count`` exceeds the number of rotary axes of the robot."""
     if count > present:
-        raise ProgramError(NO_AXIS[present])
+        raise ProgramError(f'{where}{_NO_AXIS[present]}')
 
 
 def axis_text(parameters: Parameters, number: int) -> str:
     """Return the name of a rotary axis in messages."""
-    count = len(parameters.rotary_axes)
-    return 'the rotary axis' if count == 1 else parameters.axes[number - count]
+    return _AXIS_TEXTS[len(parameters.rotary_axes)][number]
 
 
 def tool_text(parameters: Parameters, number: int) -> str:
     """Return the words for the tool in messages on a rotary axis."""
-    return 'the tool' if len(parameters.rotary_axes) == 1 else f'the tool on {axis_text(parameters, number)}'
+    return _TOOL_TEXTS[len(parameters.rotary_axes)][number]
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def check_turn(move: Move, override: float, parameters: Parameters) -> float:
 
     Returns the largest permissible override.
     """
-    require_rotary_axes(len(move.turns), parameters)
+    require_rotary_axes(len(move.turns), len(parameters.rotary_axes))
     if 0 < len(move.turns) < len(parameters.rotary_axes):
         raise ProgramError(f'it turns {len(move.turns)} of {len(parameters.rotary_axes)} rotary axes')
     return min(

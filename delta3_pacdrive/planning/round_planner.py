@@ -266,8 +266,8 @@ class RoundPlanner:
 
     def _turned(self, angles: tuple[Angle, ...]) -> tuple[tuple[float, float], ...]:
         """Return start and end angle of each rotary axis for a statement [rad], and update the current angles."""
-        require_rotary_axes(len(angles), self._parameters)
         starts, axes = self.turns, self._parameters.rotary_axes
+        require_rotary_axes(len(angles), len(axes))
         ends = [angle.after(start) for angle, start in zip(angles, starts, strict=False)]
         self.turns = (*ends, *starts[len(ends) :])
         for number, (end, rotary) in enumerate(zip(ends, axes, strict=False)):

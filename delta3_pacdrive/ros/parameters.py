@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from array import array
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -165,12 +166,13 @@ def declare_robot(
     node: Node,
     kind: str,
     writable: frozenset[str] = frozenset(),
-    rotary: int | None = None,
+    rotary: Sequence[int] = (),
 ) -> core.Parameters:
     """Read and validate every parameter of the robot; raises ParameterError for unknown overrides.
 
-    The node declares those of its kind; the drive of rotary axis number ``rotary``, from 0, declares the values of that
-    axis. ``writable`` names those that can be set at run time. Call this after the node's own parameters are declared.
+    The node declares those of its kind; the drive of a rotary axis declares the values of that axis: ``rotary``
+    contains its number, from 0. ``writable`` names those that can be set at run time. Call this after the node's own
+    parameters are declared.
     """
     defaults = core.flatten(core.load(), absent=True)
     name = node.get_fully_qualified_name()
@@ -189,7 +191,7 @@ def declare_robot(
             of_type = f.type if f.type in (int, float, bool, str) else list
             low, high = f.metadata.get('low', 0.0), f.metadata.get('high', 0.0)
             # a read-only parameter cannot be undeclared
-            changeable = key in writable or not shows(kind, key) or rotary is not None
+            changeable = key in writable or not shows(kind, key) or bool(rotary)
             info = descriptor(f.metadata['description'], low, high, of_type, changeable)
             entries.append((key, list(default) if of_type is list else default, info))
     values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
@@ -201,8 +203,8 @@ def declare_robot(
         if not shows(kind, key):
             node.undeclare_parameter(key)
     robot = core.from_flat(named, node.get_fully_qualified_name())
-    if rotary is not None and rotary < len(robot.rotary_axes):
-        own = core.rotary_axis_parameters(robot, rotary)
+    for number in {*rotary}.intersection(range(len(robot.rotary_axes))):
+        own = core.rotary_axis_parameters(robot, number)
         _show_own(node, own, [info for info in entries if shows(kind, info[0])], writable)
     return robot
 

@@ -169,20 +169,19 @@ class _Model:
       <body name="payload">
 {self._body('payload', '        ')}
       </body>"""
+        axes = tool_bar.bodies(self._parameters)
+        tool, beside = (self._turning(axes, payload), '') if axes else (self.still('tool', '      '), payload)
         return f"""\
     <body name="plate" pos="{_text(self._home)}">
       <freejoint name="plate"/>
 {self._body('plate', '      ')}
-{self._tool(payload)}
+{tool}
       <site name="tcp"/>
-{sites}{'' if self._parameters.rotary_axes else payload}
+{sites}{beside}
     </body>"""
 
-    def _tool(self, payload: str) -> str:
-        """Return the tool; each rotary axis is a body in the one before, the last with payload."""
-        axes = tool_bar.bodies(self._parameters)
-        if not axes:
-            return self.still('tool', '      ')
+    def _turning(self, axes: Sequence[tuple[str, str, Rotary]], payload: str) -> str:
+        """Return the tool of a robot with rotary axes; each axis is a body in the one before, the last with payload."""
         inside = f'{self._body("tool", "        ")}\n{self.still("pointer", "        ")}{payload}'
         for axis, body, rotary in reversed(axes):
             low, high = math.radians(rotary.angle_min_deg), math.radians(rotary.angle_max_deg)

@@ -18,6 +18,7 @@ is above the plate with its mouth in this plane, and the payload is below.
 
 import math
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 from delta3_pacdrive.parameters import Kinematics, Parameters
@@ -133,16 +134,16 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
         edge = payload_edge(carried_kg)
         found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
     found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
-    if parameters.rotary_axes:
-        base_top_m = sizes.base_height_m + 3.0 * sizes.sheet_m
+    base_top_m = sizes.base_height_m + 3.0 * sizes.sheet_m
+    for names in tool_bar.bars(parameters):
         shapes = tool_bar.shapes(kinematics, sizes.tool_height_m, base_top_m)
-        found += [Part(name, _TURNING[name], shapes[name]) for name in tool_bar.NAMES]
+        found += [Part(name, _TURNING[name], shapes[name]) for name in names]
     return tuple(found)
 
 
 def names_of(parameters: Parameters) -> tuple[str, ...]:
     """Return the names of all possible parts of a robot: ``NAMES`` or ``TURNING_NAMES``."""
-    return TURNING_NAMES if parameters.rotary_axes else NAMES
+    return (*NAMES, *chain.from_iterable(tool_bar.bars(parameters)))
 
 
 def arm_of(rod: str) -> int:

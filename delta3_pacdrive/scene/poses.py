@@ -116,7 +116,7 @@ def poses(
     quaternion[:, arms] = _turned(azimuth, angles)
     forearms = _turned(azimuth, angles + at[:, PITCH], at[:, SWING])
     quaternion[:, rods] = np.repeat(forearms, 2, axis=1)
-    if parameters.rotary_axes:
+    for _ in tool_bar.bars(parameters):
         turn = np.broadcast_to(np.asarray(turn_rad, dtype=np.float64), shape).reshape(-1)
         quaternion[:, [NAMES.index(name) for name in ('tool', 'payload')]] = tool_bar.about_z(turn)[:, None]
         more = _with_bar(tcp, turn, parameters)

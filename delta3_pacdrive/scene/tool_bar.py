@@ -36,6 +36,11 @@ def bodies(parameters: Parameters) -> list[tuple[str, str, Rotary]]:
     return list(zip(names, turned, parameters.rotary_axes, strict=False))
 
 
+def bars(parameters: Parameters) -> tuple[tuple[str, ...], ...]:
+    """Return the names of the parts of each bar; all rotary axes of a robot share one."""
+    return (NAMES,) * len(parameters.rotary_axes[:1])
+
+
 def top_m(tool_height_m: float) -> float:
     """Return the height of the bar's end above the TCP [m]."""
     return 1.2 * tool_height_m

@@ -118,7 +118,8 @@ class Moves(RunningMoves):
         program, running = self._program(written, None), self.running
         if running is None:
             return self._planned(program, start_m, turns_rad)
-        end_rad = running.plan.end_turns_rad or self._tool_rad
+        end_rad = running.plan.end_turns_rad
+        end_rad = (*end_rad, *self._tool_rad[len(end_rad) :])
         program = replace(program, payload_kg=running.payload_kg)
         return self._planned(program, self.plan_end_m or start_m, end_rad)
 

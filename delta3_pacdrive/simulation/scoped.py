@@ -13,7 +13,7 @@ from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.robot.drive.bus_drive import own_parameters
 from delta3_pacdrive.robot.drive.mc4 import mc4_run_period
 from delta3_pacdrive.robot.drive.scope import Block, DriveScope
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, lack_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, require_axis
 from delta3_pacdrive.simulation.robot import Robot
 
 
@@ -42,8 +42,7 @@ class ScopedRobot(Robot):
         self._acquisition, self._setting = acquisition, acquisition.setting
         self._parameters = parameters
         for axis in self._setting.axes:
-            if axis >= len(self.drives):
-                raise ParameterError(lack_of(ALL_DRIVES[axis]))
+            require_axis(ALL_DRIVES[axis], parameters.axes, ParameterError)
         self._scopes = {axis: self._scope(axis) for axis in self._setting.axes}
 
     def _scope(self, axis: int) -> DriveScope:

@@ -34,7 +34,7 @@ from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.execution import Timeline, plan_time_at, profile_at
 from delta3_pacdrive.planning.paths.rotations import JOINED_RAD, TURN_COLUMNS, TurnTables, turn_at
 from delta3_pacdrive.planning.plan import Plan
-from delta3_pacdrive.planning.rotating_move import NO_AXIS
+from delta3_pacdrive.planning.rotating_move import require_rotary_axes
 from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
 from delta3_pacdrive.robot.sercos.bus_time import HISTORY
 from delta3_pacdrive.robot.sercos.increments import on_grid
@@ -319,8 +319,7 @@ class RotaryAxis(Stage):
 def require_turns(rotary: Sequence[RotaryAxis], plan: Plan) -> None:
     """Raise ProgramError if a plan starts at another tool angle, or turns a tool that does not exist."""
     starts = plan.start_turns_rad
-    if len(starts) > len(rotary):
-        raise ProgramError(f'the plan cannot be loaded: {NO_AXIS[len(rotary)]}')
+    require_rotary_axes(len(starts), len(rotary), 'the plan cannot be loaded: ')
     for start, axis in zip(starts, rotary, strict=False):
         if not abs(start - axis.angle_rad) <= JOINED_RAD:
             raise ProgramError(

@@ -558,9 +558,9 @@ class Transformation:
         Values of the rotary axes follow those of the arms, if known.
         """
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
-        for number, axis in enumerate(self.rotary, ARMS):
-            if number < len(positions_rad):
-                axis.receive(cycle, float(positions_rad[number]), float(torques_n_m[number]), self.record)
+        answers = zip(self.rotary, positions_rad[ARMS:], torques_n_m[ARMS:], strict=False)
+        for axis, position_rad, torque_n_m in answers:
+            axis.receive(cycle, float(position_rad), float(torque_n_m), self.record)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:

@@ -66,9 +66,9 @@ class Snapshot:
     def from_document(cls, document: dict[str, Any]) -> Self:
         """Return the state of ``to_document``; ``planned_m`` may be missing."""
         values = {'planned_m': document['command_m'], **document}
-        angles = [values.pop(numbered('turn_rad', number), None) for number in range(ROTARY_AXES_MAX)]
+        names = sorted({numbered('turn_rad', number) for number in range(ROTARY_AXES_MAX)} & values.keys())
         values['motion'] = MotionState(values['motion'])
-        values['turns_rad'] = tuple(angle for angle in angles if angle is not None)
+        values['turns_rad'] = tuple(values.pop(name) for name in names)
         fields: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
         }

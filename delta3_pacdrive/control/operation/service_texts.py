@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, ROTARY_DRIVES, lack_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, require_axis
 from delta3_pacdrive.robot.sercos.service_channel import Access, Operation, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
@@ -43,8 +43,8 @@ def value_in(sentence: str) -> float:
 def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Access]:
     """Return drive index and access of a request; raises TelegramError or ParameterError."""
     words = text.split()
-    if words and words[0] in ROTARY_DRIVES and words[0] not in drives:
-        raise TelegramError(lack_of(words[0]))
+    for axis in words[:1]:
+        require_axis(axis, drives, TelegramError)
     if len(words) < 3 or words[0] not in drives or words[1] not in OPERATIONS:
         raise TelegramError(
             f'{shown(text)} is not a request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '

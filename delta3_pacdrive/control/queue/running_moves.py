@@ -86,7 +86,7 @@ class AppendPoint:
             robot,
             open_end=True,
             before=self.running.load(min(self.first, splice.kept), splice.kept),
-            turns_rad=splice.turns_rad or turns_rad,
+            turns_rad=(*splice.turns_rad, *turns_rad[len(splice.turns_rad) :]),
             **options,
         )
         return PlannedMoves(splice, program, planned, open_corner)

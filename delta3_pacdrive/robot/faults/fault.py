@@ -28,7 +28,7 @@ from delta3_pacdrive.robot.sercos.configuration_check import (
     DRIVES,
     PLANT,
     ROTARY_DRIVES,
-    lack_of,
+    require_axis,
 )
 
 AFTER_MAX_S = 1e5
@@ -227,8 +227,7 @@ def require_axes(faults: Sequence[Fault], axes: Sequence[str]) -> None:
 
     """
     for fault in faults:
-        if fault.target in ROTARY_DRIVES and fault.target not in axes:
-            raise ProgramError(f'{fault.text}: {lack_of(fault.target)}')
+        require_axis(fault.target, axes, ProgramError, f'{fault.text}: ')
 
 
 def applies_to(fault: Fault, node: str) -> bool:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
+from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.parameters import ROTARY_AXES_MAX, Parameters, flatten, numbered
 
 DRIVES = ('axis1', 'axis2', 'axis3')
@@ -18,6 +19,12 @@ def lack_of(axis: str) -> str:
     """Return that a robot has no such rotary axis, with the parameter that is false."""
     group = numbered('rotary', ROTARY_DRIVES.index(axis))
     return f'the robot has no {axis} for a rotary axis ({group}.present is false)'
+
+
+def require_axis(axis: str, axes: Sequence[str], error: type[Delta3Error], where: str = '') -> None:
+    """Raise an ``error``, with the place ``where``, for a rotary axis that is not among the ``axes`` of the robot."""
+    if axis in ROTARY_DRIVES and axis not in axes:
+        raise error(f'{where}{lack_of(axis)}')
 
 
 @dataclass(frozen=True)

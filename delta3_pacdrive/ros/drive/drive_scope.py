@@ -13,11 +13,11 @@ from typing import Any
 
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout, String
 
-from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
+from delta3_pacdrive.errors import Delta3Error, ParameterError, TelegramError, shown
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.drive.channels import SCOPE_CHANNELS_MAX, channel_named
 from delta3_pacdrive.robot.drive.scope import Block
-from delta3_pacdrive.robot.sercos.configuration_check import ROTARY_DRIVES, lack_of
+from delta3_pacdrive.robot.sercos.configuration_check import require_axis
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire.interfaces import SCOPE_ANSWER, SCOPE_REQUEST, SCOPE_SAMPLES
 
@@ -74,10 +74,12 @@ class DriveScopeServer:
 
     def _on_request(self, message: String) -> None:
         request, served = ScopeRequest.read(message.data, self._axis), self._served
-        for axis in request.axes:
-            if axis in ROTARY_DRIVES and axis not in self._drives:
-                self._answer(request, lack_of(axis))
-                return
+        try:
+            for axis in request.axes:
+                require_axis(axis, self._drives, ParameterError)
+        except ParameterError as error:
+            self._answer(request, str(error))
+            return
         if not request.channels:
             if served is not None and served.identity == request.identity:
                 self._disarm()

@@ -29,7 +29,7 @@ from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER, TABLE, refu
 from delta3_pacdrive.robot.drive.register import Register, writing_error
 from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, lack_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT, ROTARY_DRIVES, require_axis
 from delta3_pacdrive.robot.sercos.participants import Occasion
 from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation
 from delta3_pacdrive.robot.sercos.telegrams import BRAKE_FREE, BRAKE_HELD, NO_SESSION
@@ -188,6 +188,7 @@ class DriveReport:
 
 KIND = 'mc4_drive'
 HOUSEKEEPING_S = 0.25
+OF_ROTARY = {axis: (number,) for number, axis in enumerate(ROTARY_DRIVES)}  # rotary axes of a drive
 
 
 class MC4DriveNode(RobotNode):
@@ -202,10 +203,8 @@ class MC4DriveNode(RobotNode):
                 f'{name} needs the parameter axis: 1, 2 or 3, or from 4 on for a rotary axis'
             )
         index, axis = number - 1, ALL_DRIVES[number - 1]
-        rotary = index - len(DRIVES) if index >= len(DRIVES) else None
-        parameters = declare_robot(self, KIND, frozenset(WRITABLE), rotary)
-        if axis not in parameters.axes:
-            raise ParameterError(f'{name}: axis is {number}, but {lack_of(axis)}')
+        parameters = declare_robot(self, KIND, frozenset(WRITABLE), OF_ROTARY.get(axis, ()))
+        require_axis(axis, parameters.axes, ParameterError, f'{name}: axis is {number}, but ')
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)
         # direct references: one call less in every cycle

@@ -125,13 +125,14 @@ def _robot(run: Run) -> dict[str, Any]:
             'joints': joints.tolist(),
             'arms': list(robot.kinematics.upper_arm_lengths_m),
         }
-        | ({'bar_top': _bar_top_m(robot)} if robot.rotary_axes else {})
+        | dict(zip(['bar_top'], _bar_tops_m(robot), strict=False))
     )
 
 
-def _bar_top_m(robot: Parameters) -> float:
-    """Return the height of the end of the rotary axis' bar above the TCP [m]."""
-    return tool_bar.top_m(parts.Sizes.of(robot.kinematics).tool_height_m)
+def _bar_tops_m(robot: Parameters) -> list[float]:
+    """Return the height of the end of each bar of rotary axes above the TCP [m]."""
+    tool_height_m = parts.Sizes.of(robot.kinematics).tool_height_m
+    return [tool_bar.top_m(tool_height_m) for _ in tool_bar.bars(robot)]
 
 
 def _differences(

@@ -13,7 +13,7 @@ from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, rotary_axis
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program, turns_of
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.robot.sercos.configuration_check import lack_of
+from delta3_pacdrive.robot.sercos.configuration_check import require_axis
 from delta3_pacdrive.studies.drives.loops.load import Load, extremes, load_at
 
 HALF_TURN = 'half a turn and back'
@@ -64,8 +64,7 @@ class ToolDrive(ArmDrive):
 
     def __init__(self, axis: int, robot: Parameters) -> None:
         super().__init__(axis)
-        if self._number >= len(robot.rotary_axes):
-            raise TuningError(f'--axis is {axis}, but {lack_of(f"axis{axis}")}')
+        require_axis(f'axis{axis}', robot.axes, TuningError, f'--axis is {axis}, but ')
 
     @property
     def axes(self) -> tuple[int, ...]:
