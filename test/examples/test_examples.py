@@ -12,7 +12,9 @@ from thoroughness import some
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 LINES_MAX = 40
-WITH_A_ROBOT = {'own_node', 'stream_of_moves', 'swing_the_arms', 'react_to_a_fault', 'a_second_robot'}
+WITH_A_ROBOT = {
+    'own_node', 'stream_of_moves', 'swing_the_arms', 'react_to_a_fault', 'a_second_robot', 'steer_onto_a_belt',
+}  # fmt: skip
 
 
 @pytest.fixture
