@@ -47,11 +47,11 @@ def single(by: float | Floats, time_s: float = 0.25) -> JointPoint:
 class Robot:
     """A transformation task that has begun a smoothed trajectory, and its commands: TCP, and offset from the plan."""
 
-    def __init__(self, *points: JointPoint) -> None:
+    def __init__(self, *points: JointPoint, smoothed: bool = True) -> None:
         self.task = task = Transformation(ROBOT)
         task.locate(ANGLES * GEAR)
         task.load(plan_of(points, at_rest(ANGLES)))
-        task.start(BEGIN, smoothed=True)
+        task.start(BEGIN, smoothed=smoothed)
         self.motions: list[Floats] = []
         self.motors: list[Floats] = []
 
@@ -158,6 +158,20 @@ def test_the_old_trajectory_is_followed_until_the_replacement_begins() -> None:
         robot.run(600)
     same = [np.array_equal(a, b) for a, b in zip(alone.motors, other.motors, strict=True)]
     assert same.index(False) == 500
+
+
+@pytest.mark.parametrize('by', [0.0, 0.3])
+def test_the_motion_of_a_trajectory_that_is_not_smoothed_continues_in_its_replacement(by: float) -> None:
+    robot = Robot(JointPoint(0.8, tuple((ANGLES + 0.2).tolist()), STILL, STILL), smoothed=False)
+    robot.run(400)
+    robot.replace(single(by, 0.3))
+    robot.finish()
+    _, acceleration, jerk = (np.linalg.norm(rows, axis=1) for rows in robot.derivatives)
+    begin = 420
+    limits = default_limits(ROBOT)
+    assert jerk[begin - 4 :].max() <= limits.jerk_m_s3 * (1.0 + SHARE)
+    assert acceleration[begin - 4 :].max() <= limits.acceleration_m_s2 * (1.0 + SHARE)
+    assert np.abs(robot.motors[-1] / GEAR - ANGLES - by).max() <= GRID_RAD
 
 
 def test_a_replacement_that_has_begun_already_is_joined_in_progress() -> None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from cases import for_each
-from delta3_pacdrive.control.actions import Changed, Ordered, Replied
+from delta3_pacdrive.control.actions import Changed, Ordered, Overridden, Replied
 from delta3_pacdrive.control.motion_state import percent_allowed
 from delta3_pacdrive.control.queue.program_change import APPEND_LEADS, OVERRIDE_LEADS
 from delta3_pacdrive.errors import Code
@@ -145,3 +145,15 @@ def test_stop_before_a_change_takes_effect_leaves_a_resumable_program(
     timeline.change(stop)
     timeline.check(resumed)  # it continues where the master stands
     assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)
+
+
+def test_the_task_learns_the_override_for_set_points_once_per_session(client: Client) -> None:
+    client.ask('override', '40')
+    assert client.answer()[0] is None
+    assert client.do(Overridden).override == 0.4
+    client.say()
+    assert client.none(Overridden)
+    client.say(session='6e66', previous='5e55')
+    assert client.do(Overridden).override == 0.4
+    client.ask('override', '100')
+    assert client.do(Overridden).override == 1.0
