@@ -152,6 +152,19 @@ class Cell:
         self.publish('joint_trajectory', moved, lambda: queue.state == 'moving')
         self.wait_for('idle')
 
+    def send_set_points(self) -> None:
+        """Send set points to a robot that is not steered: they are recorded, and change nothing."""
+        for topic in (interfaces.SERVO_TWIST, interfaces.SERVO_POSE):
+            received = self.graph.listen(topic.type, topic.name, topic.delivery.publisher)
+            publisher = topic.publisher(self.player)
+            self.graph.spin_until(
+                lambda publisher=publisher: publisher.get_subscription_count() == 3,
+                f'recorder, listener and task of {topic.name}',
+            )
+            publisher.publish(topic.type())
+            self.graph.spin_until(lambda received=received: len(received) > 0, topic.name)
+            self.player.destroy_publisher(publisher)
+
     def do_everything(self) -> None:
         """Leave a trace on every topic: programs, override, hold, resume, faults, reset, enabling."""
         operator = self.operator
@@ -172,6 +185,7 @@ class Cell:
         self.wait_for('idle')
         operator.release_control()
         self.ask_openly()
+        self.send_set_points()
 
     def play(self, messages: list[tuple[str, bytes]], cycles: int = 20) -> None:
         """Publish recorded messages as a player of bags does, and let the robot go on by some bus cycles."""

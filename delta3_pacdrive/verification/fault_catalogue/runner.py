@@ -102,7 +102,7 @@ class Catalogue(FaultObserver):
         for point in points:
             angle_deg = 0.0 if point is self._home else TURN_DEG
             angles = [angle_deg] * len(self._robot.rotary_axes)
-            turn = {'turn_deg': angles} if angles else {}
+            turn = dict.fromkeys(('turn_deg',)[: len(angles)], angles)
             moves.append({'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **turn, **limits}})
         return moves
 
