@@ -255,20 +255,20 @@ class Servo(Stage):
         u, v, w = goal.velocity
         return replace(goal, velocity=belt.turned((u + there.speed_m_s, v, w)))
 
-    def halt(self, cycle: int, hard: bool = False) -> None:
+    def halt(self, cycle: int, hard: bool = False, leaves_plan: bool = False) -> None:
         """Come to rest from the command of a bus cycle on and ignore set points; a hard stop replaces a soft one.
 
-        A smoothed robot follows the soft stop of its plan.
+        A smoothed robot follows the soft stop of its plan, unless it ``leaves_plan``.
         """
-        if not self.active or (not hard and (self._halted or self.smooths)):
+        if not self.active or (not hard and (self._halted or (self.smooths and not leaves_plan))):
             return
         record = self._record[0]
+        record['mode'] = STOPPING
         if hard:
             acceleration = max(
                 self._parameters.motion.fault_stop_acceleration_m_s2, float(record['acceleration'])
             )
             record['acceleration'], record['jerk'] = acceleration, acceleration / HARD_RISE_S
-            record['mode'] = STOPPING
             begin_stop(self._record)
         self._halted = True
         left_s = float(record['stop_duration'] - record['stop_time'])

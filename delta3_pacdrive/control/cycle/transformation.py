@@ -327,6 +327,7 @@ class Transformation:
         if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
             self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
         self._halt(hard)
+        self.servo.halt(self.next_cycle, hard, leaves_plan=True)  # the drives are disabled at rest
         rest_cycle = max(
             cycle, self.tracking.rest_cycle, self.servo.rest_cycle, self.end_cycle if self.loaded else 0
         )

@@ -8,7 +8,7 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
 from delta3_pacdrive.control.cycle.servo import default_limits
-from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.control.cycle.transformation import DISABLE_CYCLES, Transformation
 from delta3_pacdrive.control.queue.tolerances import state_at
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
@@ -251,3 +251,24 @@ def test_the_torques_sent_to_the_drives_belong_to_the_smoothed_motion() -> None:
     # 2 % of the largest torque: the offset is continued with constant acceleration over the lead of 2.6 ms
     assert off.max() < 0.02 * np.abs(needed).max()
     assert np.abs(needed).max() > 0.5
+
+
+@pytest.mark.parametrize('hard', [False, True])
+@pytest.mark.parametrize('cycle', [40, 120, 230, 300])
+def test_a_stop_of_a_robot_that_lags_behind_its_plan_disables_the_drives_at_rest(
+    cycle: int, hard: bool
+) -> None:
+    robot = Robot(single(0.25, 0.1))
+    robot.run(cycle)
+    robot.task.stop_at(0, hard=hard)
+    robot.run(1)
+    disabled = robot.task.disable_cycle
+    robot.run(600)
+    moving = [
+        n for n in range(1, len(robot.motors)) if not np.array_equal(robot.motors[n], robot.motors[n - 1])
+    ]
+    # the increment grid hides the very end of the motion
+    assert moving[-1] <= disabled - DISABLE_CYCLES + 1
+    assert moving[-1] >= disabled - DISABLE_CYCLES - 60
+    if not hard:
+        assert excess(robot) <= SHARE
