@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from belts import around, speed_of
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.control.actions import (
     AccessRequested,
@@ -37,6 +38,9 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.robot.sercos.service_channel import Answer
 from delta3_pacdrive.robot.sercos.words import Status as Word
+from delta3_pacdrive.scripting.belt_robot import BeltRobot
+from delta3_pacdrive.scripting.connected_link import ConnectedLink
+from script_bus import ServedNode
 
 PLANNER = 'a1b2c3d4'
 PERIOD_S = 0.2
@@ -320,3 +324,15 @@ def rig(robot: Parameters) -> Rig:
 def new_rig(robot: Parameters, memory: Callable[[Job], Result]) -> Callable[[], Rig]:
     """Give the maker of robots."""
     return lambda: Rig(robot, memory)
+
+
+@pytest.fixture
+def node(robot):
+    """Return a robot on its bus with three parts on a slow belt."""
+    return ServedNode(robot, around([speed_of(0.4)], 3))
+
+
+@pytest.fixture
+def called(node, robot):
+    """Return the robot of a script that is connected to ``node``."""
+    return BeltRobot(ConnectedLink(node, robot), 'script')

@@ -32,16 +32,6 @@ def robot():
     return parameters.load(parameters.MODEL_CONTROLLER)
 
 
-@pytest.fixture
-def node(robot):
-    return ServedNode(robot, around(SLOW, 3))
-
-
-@pytest.fixture
-def called(node, robot):
-    return BeltRobot(ConnectedLink(node, robot), 'script')
-
-
 def largest_step(node):
     """Return by how much a motor was commanded to turn in one bus cycle at most [rad]."""
     return np.abs(np.diff(np.array(node.bus.commands), axis=0)).max()

@@ -176,16 +176,6 @@ def test_a_script_has_the_bits_of_its_simulation(robot, name, order):
     assert np.ptp(trace['tcp_command'], axis=0).max() > 0.04
 
 
-@pytest.fixture
-def node(robot):
-    return ServedNode(robot, around(SLOW, 3))
-
-
-@pytest.fixture
-def called(node, robot):
-    return BeltRobot(ConnectedLink(node, robot), 'script')
-
-
 def test_an_answer_of_a_drive_that_is_lost_keeps_no_robot_with_belts_waiting(node, called):
     node.bus.lose_answer = 1200
     pick(called)

@@ -7,7 +7,6 @@ import pytest
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning import program_planner
-from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.frames import Frame, Tool
 from delta3_pacdrive.planning.program.model import KeepOut, Output
 from delta3_pacdrive.planning.program.patterns import Grid, Layers
@@ -30,30 +29,6 @@ patterns:
   box: {frame: box, rows: 1, columns: 2, pitch_mm: [30, 0], layers: 2, height_mm: 25, shift_mm: [5, 0]}
   stack: {rows: 1, columns: 1, pitch_mm: [0, 0], layers: 3, height_mm: 20, reverse: true}
 """
-
-
-@pytest.fixture
-def load(robot, tmp_path):
-    """Return a function that reads a program from its text."""
-    path = tmp_path / 'program.yaml'
-
-    def read(text):
-        path.write_text(text, encoding='utf-8')
-        return programs.load(path, robot.motion)
-
-    return read
-
-
-@pytest.fixture
-def refused(load, tmp_path):
-    """Return the message for an invalid program, without the name of the file."""
-
-    def read(text):
-        with pytest.raises(ProgramError) as caught:
-            load(text)
-        return str(caught.value).replace(f'{tmp_path}/program.yaml:', '')
-
-    return read
 
 
 def same(found, expected):

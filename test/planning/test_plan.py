@@ -36,6 +36,7 @@ from delta3_pacdrive.planning.plan import (
     sample_plan,
 )
 from delta3_pacdrive.planning.program import file_reader as programs
+from planned import refusal
 from thoroughness import examples
 
 HOME = (0.0, 0.0, -0.75)
@@ -69,16 +70,6 @@ def planned(robot):
         {'joints': {'points': [{'time_s': 1.0, 'angles_rad': [0.2, 0.1, 0.15]}]}},
     ]
     return program_planner.plan(programs.parse({'moves': moves}, robot.motion), HOME, robot).plan
-
-
-def refusal(function, *arguments):
-    """Return the error of a rejected message."""
-    with pytest.raises(ProgramError) as caught:
-        function(*arguments)
-    sentence = str(caught.value)
-    assert '\n' not in sentence
-    assert 0 < len(sentence) < 200
-    return sentence
 
 
 # messages

@@ -4,9 +4,6 @@ import math
 
 import pytest
 
-from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.planning.program import file_reader as programs
-
 METRES = """\
 start_m: [0.0, 0.0, -0.75]
 limits: {speed_m_s: 1.5, acceleration_m_s2: 12.0, jerk_m_s3: 400.0}
@@ -33,30 +30,6 @@ moves:
 - output: {name: gripper, value: true, before_mm: 2}
 - cubic: {to_mm: [200, 0, -800], duration_s: 0.3, end_velocity_mm_s: [-400, 0, 0]}
 """
-
-
-@pytest.fixture
-def load(robot, tmp_path):
-    """Return a function that reads a program from its text."""
-    path = tmp_path / 'program.yaml'
-
-    def read(text):
-        path.write_text(text, encoding='utf-8')
-        return programs.load(path, robot.motion)
-
-    return read
-
-
-@pytest.fixture
-def refused(load, tmp_path):
-    """Return the message for an invalid program, without the name of the file."""
-
-    def read(text):
-        with pytest.raises(ProgramError) as caught:
-            load(text)
-        return str(caught.value).removeprefix(f'{tmp_path}/program.yaml:')
-
-    return read
 
 
 def test_a_program_in_millimetres_is_to_the_bit_the_one_in_metres(load):

@@ -56,6 +56,16 @@ COMPARED = (
 )
 
 
+def assert_same_bits(bag: Path, trace: Any, robot: Any, cycles_min: int = 1400) -> None:
+    """Compare the cycles of a bag with those of a simulation, which has more than ``cycles_min``."""
+    recorded = trace_file.load(bag)
+    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
+    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
+    assert len(common) > 0.95 * len(trace.time_s) > cycles_min
+    for name in COMPARED:
+        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+
+
 def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -69,12 +79,7 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     options = ['--single-process', '--real-time-factor', '0', '--bag', bag, '--json']
     done = delta3('run', decides, '--cell', sensor, *options)
     assert done.returncode == 0, done.stderr
-    recorded = trace_file.load(bag)
-    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
-    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
-    assert len(common) > 0.95 * len(trace.time_s) > 1400
-    for name in COMPARED:
-        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+    assert_same_bits(bag, trace, robot)
     result = json.loads(done.stdout)
     assert (result['program'], result['late_decisions'], result['held_at_cycle']) == ('decides', 0, None)
     told, wanted = (
@@ -122,12 +127,7 @@ def test_a_steered_robot_has_the_bits_of_the_simulation_on_a_graph_without_a_clo
     trace = simulated.trace
     done = delta3('run', steers, '--real-time-factor', '0', '--bag', bag, '--json')
     assert done.returncode == 0, done.stderr
-    recorded = trace_file.load(bag)
-    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
-    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
-    assert len(common) > 0.95 * len(trace.time_s) > 1400
-    for name in COMPARED:
-        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+    assert_same_bits(bag, trace, robot)
 
 
 PICKS = """
@@ -186,12 +186,7 @@ def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_
         'run', script, '--cell', around, '--real-time-factor', '0', '--bag', bag, '--json', *options
     )
     assert done.returncode == 0, done.stderr
-    recorded = trace_file.load(bag)
-    cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
-    common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
-    assert len(common) > 0.95 * len(trace.time_s) > 1800
-    for name in COMPARED:
-        np.testing.assert_array_equal(recorded[name][theirs], trace[name][ours], err_msg=name)
+    assert_same_bits(bag, trace, robot, 1800)
     assert json.loads(done.stdout)['cell']['outcomes']['placed'] == 1
     told = [reader for reader in bag.rglob('*.mcap') if b'sercos/at/belts' in reader.read_bytes()]
     assert told != []

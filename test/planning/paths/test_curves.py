@@ -12,6 +12,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning.paths import curves
 from delta3_pacdrive.planning.paths.curves import ARC_RADIUS_MAX_M, SPLINE_POINTS_MAX, TURN_MAX_RAD, Curve
 from delta3_pacdrive.planning.paths.path import SEGMENT_COLUMNS, path_at, sample_path
+from planned import refusal
 from thoroughness import examples
 
 EXACT = 1e-12
@@ -68,16 +69,6 @@ def distance_to(curve, p):
         where -= (here - p) @ tangent / (tangent @ tangent + (here - p) @ bend)
         where = min(max(where, 0.0), curve.length_m)
     return float(np.linalg.norm(curve.at(where)[0] - p)), where
-
-
-def refusal(function, *arguments):
-    """Return the message of a rejected curve."""
-    with pytest.raises(ProgramError) as caught:
-        function(*arguments)
-    sentence = str(caught.value)
-    assert '\n' not in sentence
-    assert 0 < len(sentence) < 200
-    return sentence
 
 
 # pieces

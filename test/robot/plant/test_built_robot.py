@@ -75,8 +75,10 @@ def test_an_effect_without_magnitude_is_as_if_it_were_off(effect, robot):
     assert np.abs(found - plain).max() < close
 
 
-def test_the_length_of_an_exchange_changes_no_bit(rich):
-    whole, parts = Plant(rich), Plant(rich)
+@pytest.mark.parametrize('kind', ['robot', 'rich'])
+def test_the_length_of_an_exchange_changes_no_bit(kind, request):
+    built = request.getfixturevalue(kind)
+    whole, parts = Plant(built), Plant(built)
     currents = wave(STEP_S * np.arange(1, 4801))
     for brakes, rows in ((RELEASED, slice(0, 3200)), (APPLIED, slice(3200, 4800))):
         for part in np.split(currents[rows], 100):

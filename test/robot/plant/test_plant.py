@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from built_plant import wave
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.robot.plant.plant import Plant
 
@@ -58,13 +59,6 @@ def energy(plant, robot):
 
 def friction(speed):
     return 0.10 * np.tanh(speed) + 3.0e-4 * speed
-
-
-def wave(t):
-    """Currents [A] that move all arms, about those that hold them."""
-    return np.stack(
-        [-0.3 + 1.5 * np.sin(40.0 * t), -0.3 + 1.2 * np.cos(30.0 * t), -0.3 - 0.9 * np.sin(20.0 * t)], axis=-1
-    )
 
 
 def test_the_plant_starts_at_rest_at_home_under_its_brakes(robot):
@@ -155,17 +149,6 @@ def test_halving_the_step_quarters_the_error(static_friction, robot):
     print('errors [rad]', errors)
     for coarse, fine in itertools.pairwise(errors):
         assert coarse / fine == pytest.approx(4.0, rel=ORDER)
-
-
-def test_the_length_of_an_exchange_changes_no_bit(robot):
-    whole, parts = Plant(robot), Plant(robot)
-    currents = wave(STEP_S * np.arange(1, 4801))
-    for brakes, rows in ((RELEASED, slice(0, 3200)), (APPLIED, slice(3200, 4800))):
-        for part in np.split(currents[rows], 100):
-            whole.advance(part, brakes)
-        for part in np.split(currents[rows], 800):
-            parts.advance(part, brakes)
-        assert whole.shafts() == parts.shafts()
 
 
 def test_brakes_hold_the_arms_against_gravity_and_payload(robot):
