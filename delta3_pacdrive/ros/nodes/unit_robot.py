@@ -38,6 +38,7 @@ from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
 from delta3_pacdrive.ros.wire.control_messages import control_type
 from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
+from delta3_pacdrive.ros.wire.joint_trajectory import TimeOfDay
 from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import PollingNode
 from delta3_pacdrive.ros.wire.qos import NEWEST
@@ -58,6 +59,7 @@ class NewestCycle:
         base = frames.base_of(node)
         self._frame, self._reader = base.encode(), JointStatesReader(base)
         self._newest = 0
+        self.times = TimeOfDay(cycles)
 
     def __call__(self) -> int:
         """Return the newest bus cycle."""
@@ -69,8 +71,9 @@ class NewestCycle:
             except TelegramError:
                 continue  # joints of another robot on the same topic
             cycle = self._cycles.count(states.sec, states.nanosec) if states.frame == self._frame else -1
-            if cycle < known + AHEAD_MAX:
+            if 0 <= cycle < known + AHEAD_MAX:
                 self._newest = max(self._newest, cycle)
+                self.times.observe(cycle, taken[1]['source_timestamp'])
         return self._newest
 
     def stamp(self) -> tuple[int, int]:
@@ -118,6 +121,7 @@ class UnitRobotNode(PollingNode):
             identity,
             progress=self._thread.progress,
             stamp=self._newest.stamp,
+            bus_time_s=self._newest.times.bus_time_s,
             changed=self._carry_out,
         )
         self._goals = list(self._offered_actions(robot, cycles))
@@ -154,7 +158,10 @@ class UnitRobotNode(PollingNode):
         """Yield the servers of the actions whose types are installed."""
         missing = 'the installed control_msgs, if any, has no %s: that action is not offered'
         if (kind := control_type('FollowJointTrajectory')) is not None:
-            yield FollowJointTrajectory(self, kind, self._planner, self._operators, cycles)
+            times = self._newest.times
+            yield FollowJointTrajectory(
+                self, kind, self._planner, self._operators, cycles, bus_time_s=times.bus_time_s
+            )
         else:
             self.get_logger().debug(missing % 'FollowJointTrajectory')
         if (kind := control_type('ExecuteMotionPrimitiveSequence')) is not None:
@@ -189,8 +196,9 @@ class UnitRobotNode(PollingNode):
 
     def _look(self) -> None:
         self._looks += 1
+        cycle = self._newest()
         if self._faults.next_cycle < NEVER:
-            self._faults.due(self._newest())
+            self._faults.due(cycle)
         self._planner.poll(time.monotonic())
         self._partners.update((TASK,), time.monotonic())
         self._monitor.update()

@@ -5,6 +5,7 @@ and rejected if the planner rejects it. Its result is sent when the robot can ta
 if ``control_msgs`` is installed.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,21 +14,25 @@ from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import ERASED, Tolerances, overridden
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.planner.motion_action import Goal, MotionAction
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire.control_messages import joint_point
-from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
+from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory, seconds
 
 NAME = '~/follow_joint_trajectory'
 # fields of a goal that this robot does not support; older definitions lack some
 UNKNOWN = ('component_path_tolerance', 'component_goal_tolerance')
 
 
-def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
-    """Convert a goal to a request; ``default`` has the tolerances for fields that the goal leaves empty.
+def trajectory_request(
+    goal: Any, default: Tolerances, bus_time_s: Callable[[int, int], float] = seconds
+) -> TrajectoryRequest:
+    """Convert a goal to a request; ``bus_time_s`` converts its stamp.
+
+    ``default`` has the tolerances for fields that the goal leaves empty.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
     for name in UNKNOWN:
         if getattr(goal, name, ()):
             raise ProgramError(f'{name} is not supported')
-    request = joint_trajectory(goal.trajectory)
+    request = joint_trajectory(goal.trajectory, bus_time_s)
     if not request.points:
         raise ProgramError('the trajectory has no points; to stop, cancel the goal')
     time = goal.goal_time_tolerance
@@ -49,9 +54,7 @@ def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
         default,
         path_rad=_positions(goal.path_tolerance, default.path_rad, 'path_tolerance'),
         goal_rad=_positions(goal.goal_tolerance, default.goal_rad, 'goal_tolerance'),
-        goal_time_s=overridden(
-            default.goal_time_s, time.sec + time.nanosec / NANOSECONDS, 'goal_time_tolerance'
-        ),
+        goal_time_s=overridden(default.goal_time_s, seconds(time.sec, time.nanosec), 'goal_time_tolerance'),
     )
     return replace(request, tolerances=tolerances)
 
@@ -83,9 +86,10 @@ class FollowJointTrajectory(MotionAction):
         planner: Planner,
         operators: PlannerServices,
         cycles: Clock,
+        bus_time_s: Callable[[int, int], float],
     ) -> None:
         super().__init__(node, action, planner, operators)
-        self._cycles = cycles
+        self._cycles, self._bus_time_s = cycles, bus_time_s
         self._reported_cycle = -1  # newest bus cycle of the feedback
 
     def _request(self, goal: Any) -> Request:
@@ -93,7 +97,7 @@ class FollowJointTrajectory(MotionAction):
             # before the conversion: the heartbeat of the planner must not pause for long while a program runs
             self._planner.require_control(self._operators.request('move'))
             self._planner.require_trajectory()
-        request = trajectory_request(goal, self._planner.trajectory.default)
+        request = trajectory_request(goal, self._planner.trajectory.default, self._bus_time_s)
         return self._operators.request('trajectory', request.to_json())
 
     def _publish_feedback(self, running: Goal) -> None:

@@ -43,8 +43,8 @@ FAILED = (Phase.REJECTED, Phase.ABORTED)
 class PlannerServices:
     """Operator services of one planner.
 
-    ``progress`` describes the planning job, ``stamp`` returns bus time, negative before cyclic operation; ``changed``
-    is called after each request to execute the resulting actions.
+    ``progress`` describes the planning job, ``stamp`` returns bus time, negative before cyclic operation, and
+    ``bus_time_s`` that of a stamp; ``changed`` is called after each request to execute the resulting actions.
     """
 
     def __init__(
@@ -54,6 +54,7 @@ class PlannerServices:
         identity: str,
         progress: Callable[[], str],
         stamp: Callable[[], tuple[int, int]],
+        bus_time_s: Callable[[int, int], float],
         changed: Callable[[], None],
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
@@ -81,7 +82,9 @@ class PlannerServices:
             (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
             (
                 interfaces.JOINT_TRAJECTORY,
-                lambda message: self._ask_openly('trajectory', joint_trajectory(message).to_json()),
+                lambda message: self._ask_openly(
+                    'trajectory', joint_trajectory(message, bus_time_s).to_json()
+                ),
             ),
             (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
         ):

@@ -53,6 +53,11 @@ def test_a_goal_without_tolerances_has_those_of_the_node() -> None:
     assert (request.stamp_s, len(request.points), request.tolerances) == (7.0, 1, OURS)
 
 
+def test_the_stamp_of_a_goal_is_converted_to_bus_time() -> None:
+    goal = goal_of(message((1.0, still(0.1)), stamp=Time(sec=1_800_000_000)))
+    assert trajectory_request(goal, OURS, lambda sec, _: sec - 1_799_999_990.0).stamp_s == 10.0
+
+
 def test_tolerances_of_a_goal_take_the_place_of_those_of_the_node() -> None:
     asked = goal_of(
         message((1.0, still(0.1))),

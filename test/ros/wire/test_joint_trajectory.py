@@ -12,11 +12,24 @@ from trajectory_msgs.msg import JointTrajectory
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning.program.model import JOINT_POINTS_MAX
-from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
+from delta3_pacdrive.robot.sercos.bus_time import Clock
+from delta3_pacdrive.ros.wire.joint_trajectory import TimeOfDay, joint_trajectory
 from delta3_pacdrive.ros.wire.qos import REQUEST
 from trajectories import HALF_INCREMENT, HOME, Cell, message, still
 
+START_S = 1_800_000_000  # time of day of bus cycle 0
+LATE_NS = 300_000  # between a cycle and its publication
+
 # messages
+
+
+def published(rate: float = 1.0, cycles: int = 1000, every: int = 10) -> TimeOfDay:
+    """Return what is known of a bus that publishes some of its cycles of 1 ms, each a different time late."""
+    times = TimeOfDay(Clock(1e-3))
+    for cycle in range(0, cycles, every):
+        late_ns = LATE_NS + cycle % 7 * 200_000
+        times.observe(cycle, START_S * 10**9 + round(cycle * 1e6 / rate) + late_ns)
+    return times
 
 
 def test_joints_may_be_in_any_order() -> None:
@@ -39,8 +52,38 @@ def test_a_trajectory_without_points_is_a_stop() -> None:
 
 
 def test_a_stamp_is_bus_time() -> None:
-    stamp = Time(sec=12, nanosec=500_000_000)
-    assert joint_trajectory(message((1.0, still(0.0)), stamp=stamp)).stamp_s == 12.5
+    asked = message((1.0, still(0.0)), stamp=Time(sec=12, nanosec=500_000_000))
+    assert joint_trajectory(asked).stamp_s == 12.5
+    assert joint_trajectory(asked, published().bus_time_s).stamp_s == 12.5
+
+
+@pytest.mark.parametrize('every', [1, 10, 50])
+def test_times_of_day_become_bus_time_by_the_earliest_publication(every: int) -> None:
+    ahead_s = published(every=every).bus_time_s(START_S + 3, 250_000_000)
+    assert ahead_s == pytest.approx(3.25 - LATE_NS * 1e-9, abs=0.4e-3)
+
+
+def test_bus_time_that_begins_again_counts_from_there() -> None:
+    times = published()
+    for cycle in range(0, 400, 10):
+        times.observe(cycle, (START_S + 60) * 10**9 + cycle * 10**6)
+    assert times.bus_time_s(START_S + 61, 0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ('times', 'sec', 'words'),
+    [
+        (published(cycles=0), START_S, 'has not run for 0.2 s'),
+        (published(cycles=150), START_S, 'has not run for 0.2 s'),
+        (published(rate=0.5), START_S + 2, 'runs 0.50 times as fast'),
+        (published(rate=5.0, cycles=5000), START_S + 2, 'runs 5.0'),
+        (published(), START_S - 2, '2.000 s before bus time 0'),
+    ],
+)
+def test_times_of_day_without_a_bus_time_are_rejected(times: TimeOfDay, sec: int, words: str) -> None:
+    with pytest.raises(ProgramError, match='is a time of day') as caught:
+        times.bus_time_s(sec, 0)
+    assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -115,11 +158,11 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     cell.wait_for('moving')
     cell.operator.call('hold')
     cell.wait_for('stopped')
+    assert 'the robot is stopped' in cell.send(message((1.0, still(0.1))))
     cell.operator.call('resume')
     # everybody hears what he is answered: it is not the answer to what is sent next
     cell.graph.spin_until(lambda: cell.answers[-1].data == 'accepted: resumed', 'the answer')
     cell.wait_for('moving')
-    assert 'the robot is moving' in cell.send(message((1.0, still(0.1))))
     # it has hardly begun to move again: the stop may be over before it is answered
     stopping = 'accepted: stops on the path', 'accepted: stopped on the path and aborted'
     assert cell.send(JointTrajectory()) in stopping
