@@ -113,12 +113,28 @@ class Output:
     message: str = ''  # line on standard error after the result
 
 
+def json_text(document: Any) -> str:
+    """Return a document as standard JSON, which has no NaN and no infinity: both become null."""
+    try:
+        return json.dumps(document, allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(document), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def print_output(output: Output, as_json: bool) -> int:
     """Print the result of a command as text or JSON; return the exit status."""
     if as_json:
         document = output.document() if callable(output.document) else output.document
         if document is not None:
-            print(json.dumps(document))
+            print(json_text(document))
     else:
         for note in output.notes:
             print(note, file=sys.stderr)
@@ -228,15 +244,7 @@ def figures_text(result: dict[str, Any]) -> list[str]:
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
         ('wall time', f'{result["wall_time_s"]:.3f} s ({factor:.2f} x real time)'),
         *([('controller', result['controller'])] if 'controller' in result else ()),
-        (
-            'TCP error',
-            f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',
-        ),
-        ('final TCP', millimetres(result['final_tcp_m'])),
-        ('current peak', _amperes(result['current_peak_a'], result.get('current_peak_limit_a'), 'peak')),
-        ('current rms', _amperes(result['current_rms_a'], result.get('current_rms_limit_a'), 'nominal')),
-        ('peak in the AT', _amperes(result['at_current_peak_a'])),
-        ('rms in the AT', _amperes(result['at_current_rms_a'])),
+        *_measured_rows(result),
     ]
     for number in range(ROTARY_AXES_MAX):
         rows += _rotary_rows(result, number)
@@ -264,6 +272,21 @@ def figures_text(result: dict[str, Any]) -> list[str]:
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
     return named_lines(rows, NAME_WIDTH)
+
+
+def _measured_rows(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of the TCP and of the currents, which are measured while moves are executed."""
+    if not result.get('measured_cycles', 1):
+        return [('TCP', 'errors and currents are measured during moves, and none was executed')]
+    error_max, error_rms = (1e3 * result[name] for name in ('tcp_error_max_m', 'tcp_error_rms_m'))
+    return [
+        ('TCP error', f'{error_max:.3f} mm max, {error_rms:.3f} mm rms'),
+        ('final TCP', millimetres(result['final_tcp_m'])),
+        ('current peak', _amperes(result['current_peak_a'], result.get('current_peak_limit_a'), 'peak')),
+        ('current rms', _amperes(result['current_rms_a'], result.get('current_rms_limit_a'), 'nominal')),
+        ('peak in the AT', _amperes(result['at_current_peak_a'])),
+        ('rms in the AT', _amperes(result['at_current_rms_a'])),
+    ]
 
 
 def _rotary_rows(result: dict[str, Any], number: int) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+import commands
 from delta3_pacdrive.cli import script_run
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.cli.script_run import ScriptRun
@@ -105,3 +106,13 @@ def test_summary_of_a_script_in_a_cell_reports_the_outcome_of_parts() -> None:
     assert '3 picked, 2 placed, 1 lost, 1 missed' in told
     assert '0.100 mm max, 0.050 mm rms' in told
     assert 'picked' not in '\n'.join(script_run.text(result))
+
+
+def test_a_script_without_moves_has_no_figures_and_standard_json(tmp_path: Path) -> None:
+    script = tmp_path / 'waits.py'
+    script.write_text('def main(robot):\n    robot.wait_time(0.05)\n')
+    done = commands.delta3('simulate', script)
+    assert 'TCP  errors and currents are measured during moves, and none was executed' in done.stdout
+    assert 'nan' not in done.stdout
+    text = commands.delta3('simulate', script, '--json').stdout
+    assert json.loads(text, parse_constant=pytest.fail)['final_tcp_m'] == [None, None, None]
