@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive.cell.binary_signal import BinarySignal
 from delta3_pacdrive.cell.cell import Cup, Delays
-from delta3_pacdrive.cell.vacuum import Vacuum, force_needed_n
+from delta3_pacdrive.cell.gripper import Vacuum, force_needed_n
 
 CYCLE_S = 1e-3
 CUP = Cup('gripper', 0.04, 6e4, build_up_s=0.01, decay_s=0.005, open_share=0.1)

@@ -29,11 +29,14 @@ from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros import parameters as node_parameters
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
-from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
+from delta3_pacdrive.ros.planner.follow_joint_trajectory import (
+    FollowJointTrajectory,
+    ToleranceMonitor,
+    tolerances_of,
+)
 from delta3_pacdrive.ros.planner.motion_action import MotionAction, MotionSequence
 from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs, PlanningThread
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
-from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tolerances_of
 from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.announcements import Participant
 from delta3_pacdrive.ros.wire.control_messages import control_type
