@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, storage_mcap
+from rosbags.rosbag2.metadata import parse_qos
 
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 ZSTD = b'\x28\xb5\x2f\xfd'  # at the beginning of a message compressed by rosbag2
 PIECE_BYTES = 1 << 20  # unpacked at a time
+
+# rosbags parses the same few texts again for each topic, which takes longer than to read all messages of a short run
+storage_mcap.parse_qos = cache(parse_qos)  # type: ignore[attr-defined, assignment]
 
 
 def files_of(path: Path, information: Mapping[str, Any]) -> tuple[list[Path], list[str]]:
