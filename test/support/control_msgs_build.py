@@ -140,8 +140,8 @@ def _compile(generated: Path, prefix: Path, package: Path) -> None:
     headers += [*generated.iterdir(), Path(sysconfig.get_path('include')), Path(np.get_include())]
     options = ['-O0', '-fPIC', '-w', *(f'-I{path}' for path in headers)]
     objects = []
-    for source in sorted([*generated.rglob('*.c'), *generated.rglob('*.cpp')]):
-        objects.append(str(source.with_suffix(source.suffix + '.o')))
+    for source in _joined(generated):
+        objects.append(f'{source}.o')
         compiler = ['gcc'] if source.suffix == '.c' else ['g++', '-std=c++17']
         _run([*compiler, *options, '-c', str(source), '-o', objects[-1]])
     names = [f'{needed}__rosidl_{kind}' for needed in NEEDED for kind in KINDS] + list(RUNTIME)
@@ -157,6 +157,24 @@ def _compile(generated: Path, prefix: Path, package: Path) -> None:
     extension = package / f'{package.name}_s__rosidl_typesupport_c.so'
     entry = [item for item in objects if '_s.ep.' in item]
     _run([*link, str(extension), *entry, *(f'-l{name}' for name in (package.name, *names))])
+
+
+def _joined(generated: Path) -> list[Path]:
+    """Write one file that includes all sources of a generator, as most of the time goes into their headers.
+
+    Descriptions have equal names for different contents, and the entry is linked alone: they stay as they are.
+    """
+    found = []
+    for kind in sorted({path.relative_to(generated).parts[0] for path in generated.rglob('*.c*')}):
+        for suffix in ('.c', '.cpp'):
+            sources = sorted((generated / kind).rglob(f'*{suffix}'))
+            alone = [path for path in sources if '__description' in path.name or '_s.ep.' in path.name]
+            lines = [f'#include "{path}"\n' for path in sources if path not in alone]
+            found += alone
+            if lines:
+                found.append(generated / f'{kind}{suffix}')
+                found[-1].write_text(''.join(lines), encoding='utf-8')
+    return found
 
 
 def _run(command: list[str]) -> None:

@@ -1,6 +1,8 @@
 """The package ``control_msgs`` for tests of the planner's node."""
 
+import fcntl
 import importlib
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,9 +24,15 @@ def control_msgs_site(tmp_path_factory: pytest.TempPathFactory) -> Path | None:
         return None
     if what := control_msgs_build.missing():
         pytest.skip(f'control_msgs is not installed and cannot be built: {what}')
-    folder = tmp_path_factory.mktemp('control_msgs')
-    script = Path(control_msgs_build.__file__)
-    subprocess.run([sys.executable, script, folder], capture_output=True, check=True, timeout=BUILD_S)
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if 'PYTEST_XDIST_WORKER' in os.environ else base
+    folder, built = shared / 'control_msgs', shared / 'control_msgs_built'
+    with (shared / 'control_msgs_lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # one worker builds it for all
+        if not built.exists():
+            script = Path(control_msgs_build.__file__)
+            subprocess.run([sys.executable, script, folder], capture_output=True, check=True, timeout=BUILD_S)
+            built.touch()
     return folder / 'site'
 
 
