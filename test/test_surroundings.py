@@ -153,13 +153,15 @@ def afresh(arguments, folder, environment, shell=''):
     return ended([sys.executable, '-P', '-m', main.__name__, *arguments], folder, environment, shell)
 
 
+# Frozen objects are not looked at when a fork collects its garbage at its end, which would copy the memory of all.
 FORKS = """
-import importlib, json, os, sys
+import gc, importlib, json, os, sys
 from delta3_pacdrive import cli, parameters, simulation
 from delta3_pacdrive.cli.main import COMMANDS, main
 for name in COMMANDS:
     importlib.import_module(f'{cli.__name__}.' + name.replace('-', '_'))
 simulation.load_kernels(parameters.load())
+gc.freeze()
 for arguments, folder in json.load(sys.stdin):
     if not (child := os.fork()):
         os.chdir(folder)
