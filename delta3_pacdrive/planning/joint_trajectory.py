@@ -83,8 +83,10 @@ def at_rest(angles_rad: Floats) -> JointPoint:
     return JointPoint(0.0, (first, second, third), NOWHERE, NOWHERE)
 
 
-def joint_trajectory(points: Sequence[JointPoint], start: JointPoint) -> JointTrajectory:
-    """Interpolate points, beginning with a start at time 0.
+def joint_trajectory(
+    points: Sequence[JointPoint], start: JointPoint, ends_in_motion: bool = False
+) -> JointTrajectory:
+    """Interpolate points, beginning with a start at time 0; the last one is at rest unless it ``ends_in_motion``.
 
     Raises
     ------
@@ -112,7 +114,8 @@ def joint_trajectory(points: Sequence[JointPoint], start: JointPoint) -> JointTr
         raise ProgramError(
             f'point {n + 1 + first} is at {times[n + 1]:.9g} s, not after point {n + first} at {times[n]:.9g} s'
         )
-    _require_rest(knots[-1], len(points))
+    if not ends_in_motion:
+        _require_rest(knots[-1], len(points))
     segments = np.zeros((len(times) - 1, SEGMENT_COLUMNS))
     segments[:, 0] = times[:-1]
     segments[:, 1:] = _pieces(knots, np.diff(times)).reshape(len(segments), -1)
@@ -179,7 +182,7 @@ def plan_joints(
 
     """
     start = smoothed_from or at_rest(kinematics.inverse(start_m, parameters.kinematics))
-    path = joint_trajectory(points, start)
+    path = joint_trajectory(points, start, ends_in_motion=smoothed_from is not None)
     times = path.sample_times()
     where = path.where(times)
     angles = sample_path(times, path.segments)

@@ -1,7 +1,8 @@
 """Tests of message streams of other projects' clients, on one robot in real time.
 
 rqt_joint_trajectory_controller: one point without velocities, 20 times a second, stamp 0. rosbridge_suite: publishers
-that keep their messages for a second, and time of day in every header. MoveIt Servo: one point that is not at rest.
+that keep their messages for a second, and time of day in every header. MoveIt Servo: windows of
+points with velocities.
 """
 
 import time
@@ -116,12 +117,37 @@ def test_a_slider_moves_the_arms_to_its_last_value(robot: Robot) -> None:
     assert robot.rest() == pytest.approx(HOME + np.array([0.2, 0.0, 0.0]), abs=REST_RAD)
 
 
-def test_a_point_that_is_not_at_rest_moves_nothing(robot: Robot) -> None:
+def test_windows_of_moveit_servo_move_the_arms_to_the_end_of_the_stream(robot: Robot) -> None:
+    """Three points with velocities, 34 ms apart, of which the last one is in motion; time of day in the stamp."""
     publish = robot.publisher(JointTrajectory, 'joint_trajectory', 'ros2 topic pub')
-    before = robot.rest()
-    point = {'positions': before + 0.001, 'velocities': [0.03, 0.03, 0.03]}
-    assert robot.answered(publish, message((0.034, point))).endswith('but must be at rest')
-    assert robot.rest() == pytest.approx(before, abs=REST_RAD)
+    begin_rad = robot.rest()
+    speed, duration_s, step_s = 0.1, 1.0, 0.034
+    begin_s = time.monotonic()
+
+    def angle(at_s: float) -> float:
+        return speed * min(max(at_s, 0.0), duration_s)
+
+    def sent() -> bool:
+        now_s = time.monotonic() - begin_s
+        window = [now_s + n * step_s for n in range(4)]
+        points = [
+            (
+                n * step_s,
+                {
+                    'positions': begin_rad + angle(at),
+                    'velocities': [speed if at < duration_s else 0.0] * 3,
+                },
+            )
+            for n, at in enumerate(window)
+        ]
+        publish(message(*points[1:], stamp=time_of_day()))
+        robot.graph.spin_for(step_s)
+        return now_s > duration_s + 0.5
+
+    before = len(robot.answers)
+    robot.graph.spin_until(sent, 'the stream')
+    assert any(answer.data.startswith('accepted: replaced') for answer in robot.answers[before:])
+    assert robot.rest() == pytest.approx(begin_rad + speed * duration_s, abs=1e-3)
 
 
 def test_velocities_of_a_web_page_steer_the_robot_until_it_is_closed(robot: Robot) -> None:

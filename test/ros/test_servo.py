@@ -136,6 +136,8 @@ def test_old_and_foreign_set_points_move_nothing(
     steered.send(lambda: steered.twist(age_s=age_s, frame=frame), lambda: steered.reported(words), 'a report')
     assert (steered.tcp_m == place).all()
     assert steered.servo.accepted == 0
+    values = {pair.key: pair.value for pair in steered.states[-1].values}
+    assert int(values['rejected']) > 0
 
 
 @pytest.mark.parametrize(

@@ -459,7 +459,7 @@ class Planner:
             self._replacement.begin(request, trajectory)
             return
         start_m = self.require_idle('a trajectory')
-        cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
+        cycle, program = trajectory.due_from_rest(self._newest_cycle(), self._robot.bus.cycle_time_s)
         self._tracker.begin(request.identity)
 
         def launch(result: Result) -> None:

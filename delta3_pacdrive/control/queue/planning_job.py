@@ -118,9 +118,13 @@ def _planned(
 
 
 def _jumps(program: Program) -> bool:
-    """Whether a program is a trajectory whose speed jumps at some points, because these have none."""
+    """Whether a program is a trajectory whose speed jumps: at points without one, or at the end."""
     first = program.statements[0]
-    return isinstance(first, Joints) and any(point.speeds_rad_s is None for point in first.points)
+    if not isinstance(first, Joints):
+        return False
+    return any(first.points[-1].speeds_rad_s or ()) or any(
+        point.speeds_rad_s is None for point in first.points
+    )
 
 
 def _append(

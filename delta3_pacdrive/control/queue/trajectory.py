@@ -31,6 +31,7 @@ from delta3_pacdrive.planning.program.model import Joints
 
 NAME = 'joint_trajectory'
 LEAD_S, LEAD_PER_POINT_S = 0.2, 1.5e-3  # time to plan and order a trajectory
+WINDOW_LEAD_S = 0.03  # the same for the first one of a stream, which may begin later than planned
 SOON = -1  # bus cycle: as soon as possible
 ROUNDING = 1e-6  # tolerance, in bus cycles
 # leads of a replacement [bus cycles]: at first, and if it came after its end
@@ -82,6 +83,16 @@ class TrajectoryRequest(JsonMessage):
             )
             raise RefusedError(Reason(Code.LATE, sentence))
         return soonest, self._program(points)
+
+    def due_from_rest(self, newest_cycle: int, cycle_time_s: float) -> tuple[int, Any]:
+        """Return what ``due`` does for a robot at rest.
+
+        The first window of a stream, which is over too soon for that, begins as soon as possible.
+        """
+        try:
+            return self.due(newest_cycle, cycle_time_s)
+        except RefusedError:
+            return SOON, self.due(newest_cycle, cycle_time_s, WINDOW_LEAD_S)[1]
 
     def soonest(self, newest_cycle: int, cycle_time_s: float, lead_s: float) -> int:
         """Return the first bus cycle in which it can begin."""

@@ -8,6 +8,7 @@ the time of day, or bus time for senders with ``use_sim_time``. Two senders at o
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -24,9 +25,9 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.wire import frames, interfaces
 from delta3_pacdrive.ros.wire.control_messages import joint_jog
 from delta3_pacdrive.ros.wire.interfaces import Topic
+from delta3_pacdrive.ros.wire.joint_trajectory import TIME_OF_DAY_SEC
 from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
 
-TIME_OF_DAY_S = 100_000_000  # a later stamp cannot be bus time
 SECOND_NS = 1_000_000_000
 BYTES_MAX = 4096  # of a message
 TAKEN_MAX = 2  # messages of a topic in one bus cycle: a flood must not delay the next cycle
@@ -48,7 +49,11 @@ class SetPointReceiver:
         self._published: tuple[Any, ...] = ()
         self._newest: dict[str, tuple[int, float]] = {}  # by topic: number of the message, and bus time [s]
         self._conflict_s = -math.inf  # bus time of the last message of a second sender
-        self._rejection = ''
+        self._rejection, self._rejections = (
+            '',
+            0,
+        )  # newest one since the begin of the steering, and their number
+        self._was_steered = False
         self._inputs: list[tuple[Topic, SetPointKind, Callable[[Any], Vector], Any]] = [
             (topic, kind, read, topic.polled_subscription(node))
             for topic, kind, read in (
@@ -124,7 +129,7 @@ class SetPointReceiver:
         """Return the bus time of a stamp [s], or why it has none."""
         if sec == 0 and nanosec == 0:
             return Reason(Code.CONTENT, 'a set point needs a stamp')
-        if sec < TIME_OF_DAY_S:
+        if sec < TIME_OF_DAY_SEC:
             return sec + nanosec / SECOND_NS
         if not self._period_s:
             return Reason(
@@ -148,12 +153,16 @@ class SetPointReceiver:
         return self._now_s - self._conflict_s < STANDSTILL_S
 
     def _reject(self, reason: str) -> None:
-        self._rejection = reason
+        self._rejection, self._rejections = reason, self._rejections + 1
         self._node.get_logger().warning(reason, throttle_duration_sec=1.0)
 
     def publish(self) -> None:
         """Publish the state of the steering if it has changed."""
         steered = self._controller.task.servo.steered
+        if steered.active and not self._was_steered:
+            self._rejection, self._rejections = '', 0
+        self._was_steered = steered.active
+        steered = replace(steered, rejected=self._rejections)
         facts = (steered, self._rejection)
         if facts == self._published:
             return
@@ -162,7 +171,6 @@ class SetPointReceiver:
         message = DiagnosticStatus(level=level, name='servo', message=self._rejection)
         message.values = [KeyValue(key=key, value=str(value)) for key, value in vars(steered).items()]
         self._state.publish(message)
-        self._rejection = ''
 
 
 def velocity_of(message: TwistStamped) -> Vector:

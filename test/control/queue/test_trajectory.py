@@ -13,6 +13,7 @@ from delta3_pacdrive.control.queue.trajectory import (
     OUTDATED,
     REPLACE_LEADS,
     SOON,
+    WINDOW_LEAD_S,
     TrajectoryRequest,
 )
 from delta3_pacdrive.errors import Code, ProgramError, TelegramError
@@ -435,3 +436,28 @@ def test_the_rest_of_a_smoothed_trajectory_is_smoothed_when_it_is_resumed_after_
     ordered = client.do(Ordered)
     assert ordered.kind == SMOOTHED
     assert ordered.moves[-1].kind == MoveKind.JOINTS
+
+
+def test_the_first_window_of_a_stream_begins_as_soon_as_possible_from_rest(client, robot):
+    """At bus time 1.000 s, 0.1 s ahead: too late for a start in its bus cycle."""
+    client.ask('trajectory', positions_only(robot, by=0.01, time_s=0.1, stamp_s=1.0))
+    client.plan()
+    ordered = client.do(Ordered)
+    assert ordered.row[0] == SOON
+    assert ordered.moves[0].length_m == pytest.approx(0.1 - WINDOW_LEAD_S - LEAD_PER_POINT_S, abs=1e-3)
+
+
+def test_a_window_that_is_over_is_rejected(client, robot):
+    client.ask('trajectory', positions_only(robot, time_s=0.02, stamp_s=1.0))
+    assert client.answer()[0].code == Code.LATE
+
+
+def test_a_trajectory_that_ends_in_motion_is_smoothed_to_rest_at_its_last_point(client, robot):
+    angles = (kinematics.inverse(HOME, robot.kinematics) + 0.05).tolist()
+    point = {'time_s': 0.5, 'angles_rad': angles, 'speeds_rad_s': [0.1, 0.1, 0.1]}
+    client.ask('trajectory', TrajectoryRequest(0.0, [point]).to_json())
+    client.plan()
+    ordered = client.do(Ordered)
+    assert ordered.kind == SMOOTHED
+    place = kinematics.forward(angles, robot.kinematics)
+    assert ordered.moves[0].sample([0.5])[0, 0] == pytest.approx(place, abs=1e-9)
