@@ -14,6 +14,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -166,3 +167,14 @@ def test_velocities_of_a_web_page_steer_the_robot_until_it_is_closed(robot: Robo
     robot.graph.spin_until(moved, 'motion')
     robot.rest()
     assert robot.graph.call(SetBool, 'servo/enable', SetBool.Request(data=False)).success
+
+
+def test_a_trajectory_without_a_stamp_of_a_bag_player_moves_nothing(robot: Robot) -> None:
+    player = robot.graph.add(Node, 'rosbag2_player')
+    publisher = player.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+    robot.graph.spin_until(publisher.get_subscription_count, 'the subscription')
+    before = robot.rest()
+    answer = robot.answered(publisher.publish, message((1.0, {'positions': HOME + 0.3})))
+    assert answer.endswith('the node rosbag2_player publishes joint_trajectory: a bag is being played back')
+    assert robot.rest() == pytest.approx(before, abs=REST_RAD)
+    robot.graph.remove(player)

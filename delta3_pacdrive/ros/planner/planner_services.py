@@ -57,7 +57,8 @@ class PlannerServices:
         bus_time_s: Callable[[int, int], float],
         changed: Callable[[], None],
     ) -> None:
-        self._log, self._planner, self._identity = node.get_logger(), planner, identity
+        self._node, self._log = node, node.get_logger()
+        self._planner, self._identity = planner, identity
         self._base = frames.base_of(node)
         self._progress, self._stamp, self._changed = progress, stamp, changed
         # by the identity of the request: request, callback of its reply, and the received request to reply to by topic
@@ -76,17 +77,25 @@ class PlannerServices:
             refuse=self._refuse_request,
         )
         for topic, receive in (
-            (interfaces.PROGRAM, lambda message: self._ask_openly('program', message.data)),
-            (interfaces.MOVE_L, self._enqueue(move_messages.move_l)),
-            (interfaces.MOVE_C, self._enqueue(move_messages.move_c)),
-            (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
+            (
+                interfaces.PROGRAM,
+                lambda message: self._ask_openly(interfaces.PROGRAM, 'program', message.data),
+            ),
+            (interfaces.MOVE_L, self._enqueue(interfaces.MOVE_L, move_messages.move_l)),
+            (interfaces.MOVE_C, self._enqueue(interfaces.MOVE_C, move_messages.move_c)),
+            (interfaces.MOVE_SB, self._enqueue(interfaces.MOVE_SB, move_messages.move_sb)),
             (
                 interfaces.JOINT_TRAJECTORY,
                 lambda message: self._ask_openly(
-                    'trajectory', joint_trajectory(message, bus_time_s).to_json()
+                    interfaces.JOINT_TRAJECTORY,
+                    'trajectory',
+                    joint_trajectory(message, bus_time_s).to_json(),
                 ),
             ),
-            (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
+            (
+                interfaces.OVERRIDE,
+                lambda message: self._ask_openly(interfaces.OVERRIDE, 'override', repr(message.data)),
+            ),
         ):
             refuse = self._refuse if topic is interfaces.OVERRIDE else self.refuse_moves
             topic.bounded_subscription(node, receive, refuse)
@@ -102,9 +111,9 @@ class PlannerServices:
         """Pass a request of a client without identity to the planner."""
         self.pass_on(self.request(action, text), respond)
 
-    def _ask_openly(self, action: str, text: str) -> None:
+    def _ask_openly(self, topic: interfaces.Topic, action: str, text: str) -> None:
         """Pass on a request received by topic, unless a bag may be playing."""
-        reason = self._planner.played_back(time.monotonic())
+        reason = self._planner.played_back(time.monotonic()) or interfaces.player_of(self._node, topic)
         if reason is None:
             self._ask(action, text)
         elif action in FOR_MOVES:
@@ -148,9 +157,11 @@ class PlannerServices:
         else:
             self.pass_on(asked, answer)
 
-    def _enqueue(self, statement: Callable[[Any, str], move_messages.Statement]) -> Callable[[Any], None]:
+    def _enqueue(
+        self, topic: interfaces.Topic, statement: Callable[[Any, str], move_messages.Statement]
+    ) -> Callable[[Any], None]:
         return lambda message: self._ask_openly(
-            'program', json.dumps({'moves': [statement(message, self._base)]})
+            topic, 'program', json.dumps({'moves': [statement(message, self._base)]})
         )
 
     def _on_request(self, request: Request) -> None:

@@ -702,10 +702,23 @@ def read_heartbeat(message: Header) -> tuple[str, str, str]:
     return words[0], words[1], words[2]
 
 
+PLAYER = 'rosbag2_player'  # name of the node of ``ros2 bag play``
+
+
 def publishers_of(node: Node, topic: Topic) -> set[str]:
     """Return the identifiers of all publishers of a topic, as hexadecimal digits."""
     found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))
     return {bytes(info.endpoint_gid).hex() for info in found}
+
+
+def player_of(node: Node, topic: Topic) -> Reason | None:
+    """Return why messages of a topic are those of a bag being played back, None if no player publishes it."""
+    for info in node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name)):
+        if info.node_name.startswith(PLAYER):
+            return Reason(
+                Code.FOREIGN, f'the node {info.node_name} publishes {topic.name}: a bag is being played back'
+            )
+    return None
 
 
 def second_writer(node: Node) -> Reason | None:
