@@ -5,13 +5,12 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rosbags.rosbag2 import Reader, storage_mcap
-from rosbags.rosbag2.metadata import parse_qos
+from rosbags.rosbag2 import Reader
 
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
 
 ZSTD = b'\x28\xb5\x2f\xfd'  # at the beginning of a message compressed by rosbag2
 PIECE_BYTES = 1 << 20  # unpacked at a time
-
-# rosbags parses the same few texts again for each topic, which takes longer than to read all messages of a short run
-storage_mcap.parse_qos = cache(parse_qos)  # type: ignore[attr-defined, assignment]
 
 
 def files_of(path: Path, information: Mapping[str, Any]) -> tuple[list[Path], list[str]]:
