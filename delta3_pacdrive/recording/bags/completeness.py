@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from functools import reduce
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.errors import TelegramError, TraceError
+from delta3_pacdrive.parameters import Parameters, flat_document
+from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, BagWriter
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.robot.sercos.telegram_codec import STAMP
+from delta3_pacdrive.robot.sercos.telegram_codec import STAMP, read_header
+from delta3_pacdrive.robot.sercos.telegrams import parse_phase_text
+from delta3_pacdrive.robot.sercos.words import Phase
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from delta3_pacdrive.numerics.types import Floats
 
-import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
-from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.parameters import Parameters, flat_document
-from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, BagWriter
-from delta3_pacdrive.robot.sercos.telegram_codec import read_header
-from delta3_pacdrive.robot.sercos.telegrams import parse_phase_text
-from delta3_pacdrive.robot.sercos.words import Phase
-
+Write = Callable[[int, bytes], None]  # arguments: receive time [ns] and bytes of a message
 NEVER = 2**62  # distance of messages [bus cycles] of a topic with a single message
 EDGE_CYCLES = 16  # tolerance at begin and end of topics: cycles in transit between the nodes
-Write = Callable[[int, bytes], None]  # arguments: receive time [ns] and bytes of a message
 
 
 class Completeness:
