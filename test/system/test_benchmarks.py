@@ -64,8 +64,9 @@ SMALL = {
     'sweep': ('--runs', '20'),
     'shaping': ('--moves', '1'),
     'robots': ('--seconds', '1', '--robots', '2'),
+    'steering': ('--streams', '2'),
 }
-QUICK = {'simulate', 'shaping'}
+QUICK = {'simulate', 'shaping', 'steering'}
 
 
 @pytest.mark.parametrize(

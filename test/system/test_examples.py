@@ -81,26 +81,3 @@ def test_two_robots_are_driven_at_the_same_time_each_to_its_own_place(
     with running(start_delta3, '--namespace', 'cell2'):
         ends = [float(line.split()[-2]) for line in run('a_second_robot')]
     assert ends == pytest.approx([0.2, -0.1], abs=0.01)
-
-
-BELT = """
-name: one belt
-belts:
-  line:
-    origin_mm: [-700, 0, -870]
-    length_mm: 1500
-    encoder: {bits: 14, circumference_mm: 200}
-    speed: [{after_s: 0, speed_m_s: 0.15}]
-"""
-
-
-def test_a_joystick_steers_a_robot_along_a_circle_and_with_a_belt(
-    start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
-) -> None:
-    cell = tmp_path / 'belt.yaml'
-    cell.write_text(BELT)
-    with nothing_is_left(), running(start_delta3, '--cell', str(cell)):
-        begins, belt, ends = run('steer_onto_a_belt')
-    assert begins.startswith('set points move the robot from bus cycle ')
-    assert belt == 'with the belt at 0.15 m/s'
-    assert ends.startswith('no longer steered, at rest in bus cycle ')
