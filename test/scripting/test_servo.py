@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import scripting
+from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.errors import ScriptError
 
 
@@ -147,3 +148,36 @@ def test_the_same_script_has_the_same_bits_again(robot):
 
     first, second = driven(robot, script), driven(robot, script)
     assert all(np.array_equal(first[name], second[name], equal_nan=True) for name in first.signals)
+
+
+def test_the_end_of_the_steering_leaves_a_robot_with_belts_where_it_is(robot):
+    cell = cell_file.parse(
+        {
+            'name': 'one belt',
+            'belts': {
+                'line': {
+                    'origin_mm': [-700, 0, -870],
+                    'length_mm': 1500,
+                    'encoder': {'bits': 14, 'circumference_mm': 200},
+                    'speed': [{'after_s': 0, 'speed_m_s': 0.15}],
+                }
+            },
+        }
+    )
+
+    def script(called):
+        with called.servo() as steering:
+            for _ in range(20):
+                steering.velocity(0.2, 0.0, 0.0)
+                called.wait_time(0.02)
+            for _ in range(20):
+                steering.velocity(0.0, 0.0, 0.0, belt='line')
+                called.wait_time(0.02)
+        called.wait_time(0.2)
+
+    trace = driven(robot, script, cell=cell)
+    tcp = trace['tcp_command']
+    assert tcp[-1, 0] > 0.1
+    # within a cycle at 0.2 m/s
+    assert np.abs(np.diff(tcp, axis=0)).max() < 0.3 * robot.bus.cycle_time_s
+    assert trace.meta['stopped'] == ''

@@ -285,8 +285,8 @@ class Servo(Stage):
             return
         self.active, self._timeline = False, None
         self._stream.clear()
-        state = self._state[0]
-        state['tracks'], state['planned'] = 0, state['tcp']
+        state, place = self._state[0], self._record['p'][0]
+        state['tracks'], state['planned'], state['tcp'] = 0, place, place
         self._changed()
 
     @property
