@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from robots import PACE, nothing_is_left, read_until
+from robots import COMMAND, PACE, nothing_is_left, read_until
 
 EXAMPLE = Path(__file__).parents[2] / 'examples' / 'steer_onto_a_belt.py'
 BELT = """
@@ -31,6 +31,9 @@ def test_a_joystick_steers_a_robot_along_a_circle_and_with_a_belt(
             read_until(robot.stderr, 'ready after')
             command = [sys.executable, '-P', EXAMPLE]
             done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+            # the robot takes moves from where it is
+            move = [*COMMAND, 'move', 'l', '0', '0', '-0.8']
+            moved = subprocess.run(move, capture_output=True, text=True, timeout=60.0, check=False)
         finally:
             robot.send_signal(signal.SIGINT)
             robot.communicate(timeout=60.0)
@@ -39,3 +42,4 @@ def test_a_joystick_steers_a_robot_along_a_circle_and_with_a_belt(
     assert begins.startswith('set points move the robot from bus cycle ')
     assert belt == 'with the belt at 0.15 m/s'
     assert ends.startswith('no longer steered, at rest in bus cycle ')
+    assert moved.returncode == 0, moved.stderr
