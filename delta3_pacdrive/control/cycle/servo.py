@@ -213,6 +213,7 @@ class Servo(Stage):
         state['tracks'] = 1
         state['offset'] = record['p'] - state['planned'], record['v'], record['a']
         if at_rest and self._leaving and cycle >= self.rest_cycle:
+            state['tcp'] = record['p']  # the stage of the belts has reset it in this cycle
             self.clear()
 
     def _prepare_smoothed(self, cycle: int, timeline: Timeline) -> None:
@@ -285,8 +286,8 @@ class Servo(Stage):
             return
         self.active, self._timeline = False, None
         self._stream.clear()
-        state, place = self._state[0], self._record['p'][0]
-        state['tracks'], state['planned'], state['tcp'] = 0, place, place
+        state = self._state[0]
+        state['tracks'], state['planned'] = 0, state['tcp']
         self._changed()
 
     @property
