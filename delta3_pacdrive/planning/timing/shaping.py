@@ -43,7 +43,7 @@ SMOOTH_PARTS = 8  # samples of the moving average over half a period
 SAME_S = 1e-9  # ends of phases closer than this are one
 SLOWEST = math.tau  # [rad/s]: slower poles belong to the motion of the whole robot
 LEAST_SWINGING = 0.9  # damping ratio above which the overshoot is negligible
-NO_MODE = 'there is no vibration at its end: set control.shaping_frequency_hz'
+NO_MODE = 'the robot has no vibration mode at its end: set control.shaping_frequency_hz'
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def excited_mode(
     Raises
     ------
     ProgramError
-        There is no vibration mode.
+        The robot has no vibration mode at the end of the move.
 
     """
     theta = kinematics.inverse(tcp_m, parameters.kinematics)

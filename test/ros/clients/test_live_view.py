@@ -257,7 +257,7 @@ def test_button_moves_the_robot_again_after_a_short_loss_and_standstill(cell: Ce
 def test_state_from_before_a_stop_does_not_let_a_button_move_the_robot(cell: Cell) -> None:
     cell.brakes_s = 0.7
     cell.takes_s['steer'] = [1.0]
-    cell.late.add('steer')  # it moves for an instant, and nobody hears of that
+    cell.late.add('steer')  # it moves for an instant, which no report contains
     cell.hold(0.5, 0.8)
     cell.hold(1.3, 4.0)
     cell.run(6.0)

@@ -24,7 +24,7 @@ LATE_NS = 300_000  # between a cycle and its publication
 
 
 def published(rate: float = 1.0, cycles: int = 1000, every: int = 10) -> TimeOfDay:
-    """Return what is known of a bus that publishes some of its cycles of 1 ms, each a different time late."""
+    """Return the time of day observed from cycles of 1 ms that are published with different delays."""
     times = TimeOfDay(Clock(1e-3))
     for cycle in range(0, cycles, every):
         late_ns = LATE_NS + cycle % 7 * 200_000
