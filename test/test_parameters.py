@@ -66,7 +66,10 @@ SHAPING = {f'control.shaping{name}' for name in ('', '_frequency_hz', '_damping'
 IN_POSITION = {'drive.position_window_rad', 'motion.in_position_time_s', 'motion.in_position_timeout_s'}
 ROTARY = {name for name in FIELDS if name.startswith('rotary')}
 OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING | ROTARY
-OPTIONAL |= {'motion.tcp_speed_limit_m_s'}
+RING = {
+    f'bus.{name}' for name in ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')
+}
+OPTIONAL |= {'motion.tcp_speed_limit_m_s'} | RING
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -502,6 +505,8 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
         robot = robot.replace(bus__exchange_period_s=125e-6)
     elif name in WORDS:
         changed = next(word for word in FIELDS[name].metadata['choices'] if word != values[name])
+    elif name == 'bus.baud_rate_mbit_s':
+        changed = 8
     elif isinstance(values[name], int):
         changed = values[name] + 1
     elif name.endswith('_hz'):  # nothing lies right beside off
@@ -511,6 +516,9 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     if name in ROTARY - {'rotary.present', 'rotary_2.present'}:  # what is not there does not count
         assert replace(robot, name, changed).checksum == robot.checksum
         robot = robot.replace(rotary__present=True, rotary_2__present=name.startswith('rotary_2.'))
+    if name in RING - {'bus.timing'}:  # the timing of the thesis has no ring
+        assert replace(robot, name, changed).checksum == robot.checksum
+        robot = robot.replace(bus__timing='sercos2')
     if name == 'rotary_2.present':
         robot = robot.replace(rotary__present=True)
     assert replace(robot, name, changed).checksum != robot.checksum
@@ -534,3 +542,6 @@ def test_dead_time_of_the_following_error_results_from_the_timing(cycle_time_s, 
     slow = robot.replace(bus__cycle_time_s=cycle_time_s, bus__exchange_period_s=125e-6)
     assert slow.following_error_delay_cycles == pytest.approx(delay, rel=1e-12)
     assert slow.replace(motion__following_error_delay_cycles=0.0).following_error_delay_cycles == 0.0
+    later = slow.replace(bus__timing='sercos2')
+    assert later.set_point_delay_cycles == slow.set_point_delay_cycles + 1.0
+    assert later.following_error_delay_cycles == slow.following_error_delay_cycles + 1.0

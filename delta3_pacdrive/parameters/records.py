@@ -13,6 +13,8 @@ LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
 # the first is not `off`, which readers of YAML take for a boolean
 INERTIA, MODEL = FEED_FORWARDS = ('inertia', 'model')
+# when a set point takes effect
+THESIS, SERCOS_2 = TIMINGS = ('thesis', 'sercos2')
 UNSHAPED, ZV, ZVD, SMOOTH, MODES = SHAPINGS = ('none', 'zv', 'zvd', 'smooth', 'modes')
 # Half of the capacity at the weakest point of the workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
@@ -264,7 +266,7 @@ class Rich:
 
 @dataclass(frozen=True)
 class Bus:
-    """SERCOS timing (2.2.3, 8.1)."""
+    """SERCOS timing (2.2.3, 8.1), and the ring of ``sercos2`` (IEC 61491)."""
 
     cycle_time_s: float = quantity('CT: 0.001, 0.002 or 0.004', 1e-3, 4e-3)
     exchange_period_s: float = quantity(
@@ -272,6 +274,11 @@ class Bus:
     )
     increments_per_rev: int = quantity('increments per motor revolution', 1024, 2**24)
     outstanding_cycles_max: int = quantity('largest number of cycles without their ATs', 1, 16)
+    timing: str = choice('when a set point takes effect: one bus cycle after its MDT, or two', TIMINGS)
+    baud_rate_mbit_s: int = quantity('baud rate of the ring: 2, 4, 8 or 16', 2, 16, default=16)
+    fibre_length_m: float = quantity('length of all fibres of the ring', 0.0, 2e3, default=10.0)
+    slave_delay_s: float = quantity('delay of a telegram in a drive', 0.0, 1e-4, default=1e-6)
+    jitter_s: float = quantity('largest jitter of a telegram', 0.0, 1e-5, default=1e-6)
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,13 @@ from delta3_pacdrive.axes import ARMS
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.strict_reader import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
+from delta3_pacdrive.parameters.bus_timing import BusTiming, bus_timing, cyclic_bytes
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import notches
 from delta3_pacdrive.parameters.records import (
     LINEAR,
     MODEL,
+    SERCOS_2,
     UNSHAPED,
     Bus,
     Control,
@@ -32,6 +34,7 @@ from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
 BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
+RING = ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')  # of ``sercos2`` only
 SEED = 4  # offset of the sensor seed of the first rotary axis
 
 
@@ -57,13 +60,29 @@ class Parameters:
             raise ParameterError.of_all(broken)
 
     @property
+    def bus_delay_cycles(self) -> int:
+        """Bus cycles from the start of the cycle of an MDT until its set point takes effect in the drive.
+
+        In the thesis, the drive has the MDT at the start of its cycle. A SERCOS II telegram arrives within the cycle
+        and is valid from t3 on, so the drive has it at the start of the next one.
+        """
+        return 2 if self.bus.timing == SERCOS_2 else 1
+
+    @property
+    def bus_timing(self) -> BusTiming:
+        """Times of the telegrams in a SERCOS II cycle."""
+        at_bytes, record_bytes = cyclic_bytes(self.sends_torque)
+        axes = len(self.axes)
+        return bus_timing(self.bus, [at_bytes] * axes, [record_bytes] * axes)
+
+    @property
     def set_point_delay_cycles(self) -> float:
-        """Latency of a set point [cycles]: one bus cycle, and the fine interpolation up to its last step.
+        """Latency of a set point [cycles]: the bus, and the fine interpolation up to its last step.
 
         Cubic interpolation passes through the same points at the same times. It also uses the set point of the next
         cycle, which the drive already has at the beginning of this one, so it adds no latency.
         """
-        return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
+        return self.bus_delay_cycles + 1.0 - self.drive.position_period_s / self.bus.cycle_time_s
 
     @property
     def sends_torque(self) -> bool:
@@ -163,9 +182,14 @@ class Parameters:
     def checksum(self) -> str:
         """Digest of every value; participants agree if their digests are equal.
 
-        Values of absent rotary axes are excluded, so that the digests of such robots do not change.
+        Values of absent rotary axes, and those of the ring without ``sercos2``, are excluded, so that the digests of
+        such robots do not change.
         """
-        text = repr(sorted(_flat(self, len(self.rotary_axes)).items()))
+        values = _flat(self, len(self.rotary_axes))
+        if self.bus.timing != SERCOS_2:
+            for name in RING:
+                del values[f'bus.{name}']
+        text = repr(sorted(values.items()))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def replace(self, **values: Any) -> 'Parameters':

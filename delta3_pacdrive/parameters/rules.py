@@ -3,11 +3,24 @@
 from collections.abc import Iterator
 from typing import Any
 
+from delta3_pacdrive.axes import ARMS
 from delta3_pacdrive.errors import shown
+from delta3_pacdrive.parameters.bus_timing import BAUD_RATES_MBIT_S, bus_timing, cyclic_bytes, too_short
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import NUMBERS, notches
-from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motion, Motor, Rich
-from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary, violation
+from delta3_pacdrive.parameters.records import (
+    DECOUPLED,
+    MODEL,
+    SERCOS_2,
+    Bus,
+    Control,
+    Drive,
+    Dynamics,
+    Motion,
+    Motor,
+    Rich,
+)
+from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary, present_axes, violation
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # older coupling torques make the drives oscillate
@@ -41,6 +54,8 @@ def broken_rules(
 ) -> Rules:
     """Yield violated rules between values."""
     yield from _broken_timing(bus, drive)
+    axes = ARMS + len(present_axes(rotary, rotary_2))
+    yield from _broken_telegrams(bus, axes, control.feed_forward == MODEL)
     yield from _broken_notches(drive)
     yield from _broken_geometry(kinematics, dynamics)
     yield from _broken_effects(rich, bus, motor)
@@ -68,6 +83,16 @@ def _broken_timing(bus: Bus, drive: Drive) -> Rules:
     ):
         if not _is_multiple(value, unit):
             yield name, f'{name} is {value}, but must be a whole multiple of {unit_name} ({unit})'
+
+
+def _broken_telegrams(bus: Bus, axes: int, sends_torque: bool) -> Rules:
+    if bus.baud_rate_mbit_s not in BAUD_RATES_MBIT_S:
+        yield violation('bus.baud_rate_mbit_s', bus.baud_rate_mbit_s, 'must be 2, 4, 8 or 16')
+    elif bus.timing == SERCOS_2:
+        at_bytes, record_bytes = cyclic_bytes(sends_torque)
+        sentence = too_short(bus, bus_timing(bus, [at_bytes] * axes, [record_bytes] * axes))
+        if sentence:
+            yield 'bus.cycle_time_s', sentence
 
 
 def _broken_notches(drive: Drive) -> Rules:

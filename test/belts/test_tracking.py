@@ -35,8 +35,8 @@ def never(cycle):
 class Bench:
     """A belt whose travel is a function of time, and a controller that follows it."""
 
-    def __init__(self, way, jump=None):
-        self.robot = parameters.load(parameters.MODEL_CONTROLLER)
+    def __init__(self, way, jump=None, timing='thesis'):
+        self.robot = parameters.load(parameters.MODEL_CONTROLLER).replace(bus__timing=timing)
         self.tracking = BeltTracking(self.robot, [BELT])
         self.delay_s = self.robot.set_point_delay_cycles * 1e-3
         self._way, self._jump = way, jump or {}
@@ -78,10 +78,12 @@ def braking(time):
 
 
 @pytest.mark.parametrize('way', [steady, braking])
-def test_once_on_the_belt_the_command_is_where_the_part_is_when_it_is_reached(way):
-    bench = Bench(way).order(0.4).run(700)
-    # of 2.75 ms at 2 m/s2, and the lag of the filter when the belt begins to brake
-    assert np.abs(bench.along(350, 700) - bench.due(0.4, 350, 700)).max() < 30e-6
+@pytest.mark.parametrize(('timing', 'delay_s'), [('thesis', 1.75e-3), ('sercos2', 2.75e-3)])
+def test_once_on_the_belt_the_command_is_where_the_part_is_when_it_is_reached(way, timing, delay_s):
+    bench = Bench(way, timing=timing).order(0.4).run(700)
+    assert bench.delay_s == pytest.approx(delay_s, rel=1e-12)
+    # of the delay and one cycle at 2 m/s2, and the lag of the filter when the belt begins to brake
+    assert np.abs(bench.along(350, 700) - bench.due(0.4, 350, 700)).max() < 11e-3 * (delay_s + 1e-3)
     across = np.array([BELT.of_base(one).place[1:] for one in bench.offsets[350:700]])
     assert np.abs(across).max() < 1e-12
 

@@ -53,8 +53,10 @@ def stays_ms(robot, kind, within_m):
     return move_ms + round(1e3 * ARRIVES_S) + int(outside[-1]) + 1
 
 
+@pytest.mark.parametrize('timing', ['thesis', 'sercos2'])
 @pytest.mark.parametrize('kind', ['zvd', 'smooth'])
-def test_shaping_reduces_the_vibration_by_20_db_for_one_more_period(kind, built):
+def test_shaping_reduces_the_vibration_by_20_db_for_one_more_period(kind, timing, built):
+    built = built.replace(bus__timing=timing)
     before_ms, before = stopped(built, 'none')
     after_ms, after = stopped(built, kind)
     assert 20.0 * math.log10(before / after) > LESS_DB

@@ -207,11 +207,14 @@ def test_a_busy_processor_changes_no_bit_in_real_time(
         assert result[name] == simulated.meta['figures'][name], name
 
 
-@pytest.mark.parametrize('source', some(['rich', 'rich+model+gears'], ['rich+model+gears']))
+@pytest.mark.parametrize(
+    'source',
+    some(['rich', 'rich+model+gears', 'rich+model+gears+sercos2'], ['rich+model+gears+sercos2']),
+)
 def test_the_rich_robot_gives_the_bits_of_its_simulation(
     source: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    """The noise of each drive's sensors, too, is that of the simulation."""
+    """The noise of each drive's sensors, and the time at which set points take effect, are those of the simulation."""
     robot = parameters.load(source)
     simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
     options = [*ONE_PROCESS, '--real-time-factor', '0', '--parameters', source]

@@ -26,7 +26,7 @@ STATE = np.dtype(
         ('event', 'i8'),  # next of the present move
         ('outputs', 'i8'),  # bit n = output n
         ('payload', 'f8'),  # gripped [kg]
-        # at the time when the command is reached, which is that of the next MDT [kg]; set if torques depend on it
+        # at the time when the command is reached [kg]; set if torques depend on it
         ('coming_payload', 'f8'),
         ('corrected_from', 'i8'),
         ('tcp', 'f8', (3,)),  # commanded [m]
@@ -65,6 +65,7 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'set_point_delay': lambda p: (
         p.set_point_delay_cycles
     ),  # [cycles], of the actual TCP relative to the command
+    'bus_delay': lambda p: p.bus_delay_cycles,  # [cycles], until a command takes effect
     'position_window': lambda p: p.drive.position_window_rad,
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,

@@ -75,7 +75,8 @@ def command_cycle(cycle, task, timeline, corrections):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
     if c.gear_gives != 0.0 or c.sends_torque != 0.0:
-        s.coming_payload = _payload_at(cycle + 1, task, timeline) if s.start_cycle <= cycle + 1 else s.payload
+        reached = cycle + int(c.bus_delay)
+        s.coming_payload = _payload_at(reached, task, timeline) if s.start_cycle <= reached else s.payload
     twist = (0.0, 0.0, 0.0)
     if c.gear_gives != 0.0:
         twist = gear_twist(_motion_of(master, runs, 0.0, theta, task, tables), s.coming_payload, task)
@@ -111,9 +112,9 @@ def is_over(cycle, s, profile):
 def feed_forward(cycle, theta, task, timeline):
     """Set the ``torques`` of the task [N m] to those that the motion of the set points requires.
 
-    The torque of MDT(k) is reached at the start of cycle k + 2, and takes effect a dead time later. The set points are
-    one step of the fine interpolation ahead of their cycle, so the torque belongs to the motion at that instant. The
-    payload at that time is the payload of MDT(k + 1).
+    The torque of MDT(k) is reached at the end of the cycle in which it takes effect, k + ``bus_delay``, and acts a dead
+    time later. The set points are one step of the fine interpolation ahead of their cycle, so the torque belongs to the
+    motion at that instant. The payload at that time is the payload of MDT(k + ``bus_delay``).
     """
     s, c, m = task[0].state, task[0].constants, task[0].motor
     master, runs = (s.move, 0.0, 0.0, 0.0), (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead

@@ -98,7 +98,7 @@ STATE = np.dtype(
         ('encoder_seed', 'u8'),  # of the noise
         ('last_sampled', 'f8'),  # [rad], one cycle earlier
         ('following_error', 'f8'),  # [rad]
-        # commands [rad]: a set point takes effect one cycle after its MDT
+        # commands [rad]: a set point takes effect one cycle after the drive has its MDT
         ('next_command', 'f8'),
         ('command', 'f8'),
         ('command_before', 'f8'),
@@ -157,6 +157,11 @@ STATE = np.dtype(
         ('speed', 'f8'),  # [rad/s]
         ('coupling', 'f8'),  # d [N m]
         ('increments', 'f8'),  # encoder, at the last velocity-loop instant
+        # MDT of this cycle; with sercos2, it is valid from the next one on
+        ('held_command', 'f8'),  # [rad]
+        ('held_torque', 'f8'),  # [N m]
+        ('held_control', 'i8'),  # its real-time control bits apply at once
+        ('place', 'i8'),  # of the drive in the ring, from 0
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
         ('status', 'i8'),  # S-0-0135
@@ -201,6 +206,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('steps_per_position', 'i8', lambda p: round(p.drive.position_period_s / p.drive.current_period_s)),
     ('steps_per_velocity', 'i8', lambda p: round(p.drive.velocity_period_s / p.drive.current_period_s)),
     ('positions_per_cycle', 'f8', lambda p: round(p.bus.cycle_time_s / p.drive.position_period_s)),
+    ('holds_telegrams', 'i8', lambda p: p.bus_delay_cycles > 1),  # an MDT is valid in the next cycle
     ('takes_torque', 'i8', lambda p: p.sends_torque),  # MDTs contain an additive torque command
     ('cubic', 'i8', lambda p: p.drive.interpolation == CUBIC),  # fine interpolation
     ('position_gain', 'f8', lambda p: p.drive.position_gain_rad_s_rad),

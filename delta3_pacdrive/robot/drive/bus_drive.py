@@ -88,6 +88,7 @@ class BusDrive:
         self.phase = Phase.CP0  # of the last MDT
         self._sampled_with = own  # parameters of the samples since the last flush
         self.drive, self.slave = MC4(own, number), BusSlave()
+        self.drive.state['place'] = index
         self.register = Register(own, self._actual, self._configure, self.drive.clear_fault)
         callbacks = Callbacks(
             serve=lambda access: self.register.serve(access, self.phase),

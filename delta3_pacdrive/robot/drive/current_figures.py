@@ -17,8 +17,8 @@ def begin_current_figures(s):
     """Reset the statistics of a bus cycle, and evaluate the real-time control bits of its MDT."""
     s.cycle_sum = s.cycle_square = s.measured_square = 0.0
     s.cycle_min = s.cycle_max = 0.0
-    program = s.next_control & PROGRAM
-    measuring = s.next_control & MEASURE
+    program = s.held_control & PROGRAM
+    measuring = s.held_control & MEASURE
     if program and s.program == 0:
         s.window_cycles = 0
         s.window_square = s.window_peak = 0.0

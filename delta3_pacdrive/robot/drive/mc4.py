@@ -80,9 +80,9 @@ def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
     if s.started == 0:
         s.last_sampled = s.sampled_position
     if received:
-        state_machine.accept_telegram(command, torque, control, s)
+        state_machine.accept_telegram(command, torque, control, s, c)
     else:
-        state_machine.extrapolate_telegram(s)
+        state_machine.extrapolate_telegram(s, c)
     state_machine.advance_state(s, c)
     begin_current_figures(s)
     return s.status
@@ -264,6 +264,7 @@ class MC4:
     ) -> None:
         constants = drive_constants(parameters) if constants is None else constants
         place = axis if place is None else place
+        bus_place = place
         self._place = place = 0 if shared is None else place
         self._drives, self._currents = shared or (
             np.zeros(1, DRIVE),
@@ -275,6 +276,7 @@ class MC4:
         self.currents: Floats = self._currents[:, place]
         self.answer: Floats = self.state['answer'][0]
         self.state['dc_link'] = parameters.drive.dc_link_voltage_v
+        self.state['place'] = bus_place
         sensors.calibrate(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
 
@@ -293,7 +295,8 @@ class MC4:
         Parameters
         ----------
         command, control, payload, torque
-            From the MDT of this cycle; they take effect in the next one. Without a payload the last one is kept.
+            From the MDT of this cycle; they take effect in the next one. With the timing of SERCOS II, position, torque
+            and control word take effect in the one after it. Without a payload the last one is kept.
         position, speed, coupling
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
 

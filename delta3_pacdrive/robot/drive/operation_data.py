@@ -4,8 +4,9 @@ S numbers and names are those of SERCOS II (IEC 61491), P numbers are specific t
 radians on the motor side, currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard
 defines an integral action time, it is read-only; a P number sets the gain.
 
-A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and data that this drive
-does not have (S-0-0110, S-0-0112, S-0-0138) are omitted: both lead to the error "no such IDN".
+A value is one number. Of the configuration lists of the telegrams (S-0-0016, S-0-0024) the length can be read. Other
+lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and data that this drive does not have (S-0-0110,
+S-0-0112, S-0-0138) are omitted: both lead to the error "no such IDN".
 """
 
 import dataclasses
@@ -18,7 +19,20 @@ from functools import partial
 from typing import Any
 
 from delta3_pacdrive.errors import shown
-from delta3_pacdrive.parameters import FEED_FORWARDS, INTERPOLATIONS, groups
+from delta3_pacdrive.parameters import ARMS, FEED_FORWARDS, INTERPOLATIONS, MODEL, TIMINGS, Bus, groups
+from delta3_pacdrive.parameters.bus_timing import (
+    AT_DATA,
+    AT_START_MIN_US,
+    COMMAND_PROCESSING_US,
+    FEEDBACK_US,
+    MDT_DATA,
+    RECEIVE_TO_RECEIVE_US,
+    SEND_TO_RECEIVE_US,
+    TORQUE_DATA,
+    BusTiming,
+    bus_timing,
+    cyclic_bytes,
+)
 from delta3_pacdrive.robot.drive.arrays import STANDSTILL_RAD_S
 from delta3_pacdrive.robot.drive.diagnostics import (
     FAULTS,
@@ -47,6 +61,7 @@ BITS = 'bits'  # unit of words, displayed in hexadecimal
 PHASE = 'phase'  # source: communication phase of the access
 # S-0-0015: no standard telegram contains a payload (MDT), or position, velocity and torque (AT)
 APPLICATION_TELEGRAM = 7
+NOT_SCALED = 0  # scaling method 0, data at the motor shaft
 
 
 class Group(StrEnum):
@@ -152,6 +167,33 @@ def _interface_status(phase: float, fault: float) -> float:
     return int(phase) | failures.get(DriveFault(int(fault)), 0)
 
 
+# parameters from which the times of the telegrams result, and the place of the drive in the ring
+_RING = (
+    *(f'bus.{field.name}' for field in dataclasses.fields(Bus)),
+    'rotary.present',
+    'rotary_2.present',
+    'control.feed_forward',
+    'place',
+)
+
+
+def _of_timing(value: Callable[[BusTiming, int], float]) -> Callable[..., float]:
+    """Return the formula of a value that results from the times of the telegrams and the place of the drive."""
+
+    def formula(*sources: Any) -> float:
+        *bus, rotary, rotary_2, feed_forward, place = sources
+        axes = ARMS + int(rotary + rotary_2)
+        at_bytes, record_bytes = cyclic_bytes(feed_forward == MODEL)
+        return value(bus_timing(Bus(*bus), [at_bytes] * axes, [record_bytes] * axes), int(place))
+
+    return formula
+
+
+def _mdt_list(feed_forward: str) -> float:
+    """Length [bytes] of the configuration list of the MDT."""
+    return 2 * len(MDT_DATA + TORQUE_DATA * (feed_forward == MODEL))
+
+
 def _constant(value: float) -> Callable[[], float]:
     """Return the formula of a constant."""
     return lambda: value
@@ -223,7 +265,26 @@ _GROUPS = {
     Group.TIMING: (
         _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', 'bus.cycle_time_s'),
         _row('S-0-0002', 'Communication cycle time (tScyc)', 's', 'bus.cycle_time_s'),
+        _row('S-0-0003', 'Shortest AT transmission starting time (t1min)', 'us', formula=_constant(AT_START_MIN_US)),
+        _row('S-0-0004', 'Transmit/receive transition time (tATMT)', 'us', formula=_constant(SEND_TO_RECEIVE_US)),
+        _row('S-0-0005', 'Minimum feedback processing time (t5)', 'us', formula=_constant(FEEDBACK_US)),
+        _row('S-0-0006', 'AT transmission starting time (t1)', 'us', *_RING,
+             formula=_of_timing(lambda timing, place: timing.t1_us[place])),
+        _row('S-0-0007', 'Feedback acquisition capture point (t4)', 'us', *_RING,
+             formula=_of_timing(lambda timing, _: timing.t4_us)),
+        _row('S-0-0008', 'Command value valid time (t3)', 'us', *_RING,
+             formula=_of_timing(lambda timing, _: timing.t3_us)),
+        _row('S-0-0009', 'Position of data record in MDT', 'byte', *_RING,
+             formula=_of_timing(lambda timing, place: timing.record_positions[place])),
+        _row('S-0-0010', 'Length of MDT', 'byte', *_RING, formula=_of_timing(lambda timing, _: timing.mdt_bytes)),
         _row('S-0-0015', 'Telegram type', BITS, formula=_constant(APPLICATION_TELEGRAM)),
+        _row('S-0-0016', 'Length of the configuration list of the AT', 'byte', formula=_constant(2 * len(AT_DATA))),
+        _row('S-0-0024', 'Length of the configuration list of the MDT', 'byte', 'control.feed_forward',
+             formula=_mdt_list),
+        _row('S-0-0088', 'Receive to receive recovery time (tMTSY)', 'us', formula=_constant(RECEIVE_TO_RECEIVE_US)),
+        _row('S-0-0089', 'MDT transmission starting time (t2)', 'us', *_RING,
+             formula=_of_timing(lambda timing, _: timing.t2_us)),
+        _row('S-0-0090', 'Command value processing time (tMTSG)', 'us', formula=_constant(COMMAND_PROCESSING_US)),
         _row('S-0-0032', 'Primary operation mode', BITS, 'drive.velocity_feedforward', formula=_operation_mode),
         _row('P-0-0001', 'Position loop period', 's', 'drive.position_period_s'),
         _row('P-0-0002', 'Velocity loop period', 's', 'drive.velocity_period_s'),
@@ -233,6 +294,15 @@ _GROUPS = {
              formula=INTERPOLATIONS.index),
         _row('P-0-0006', 'Torque feed-forward (0 inertia, 1 model)', ONE, 'control.feed_forward',
              formula=FEED_FORWARDS.index),
+        _row('P-0-0007', 'Set point takes effect (0 one cycle after its MDT, 1 two)', ONE, 'bus.timing',
+             formula=TIMINGS.index),
+        # values in the telegrams are not scaled: SI units and radians of the motor shaft
+        _row('S-0-0044', 'Velocity data scaling type', BITS, formula=_constant(NOT_SCALED)),
+        _row('S-0-0045', 'Velocity data scaling factor', ONE, formula=_constant(1.0)),
+        _row('S-0-0076', 'Position data scaling type', BITS, formula=_constant(NOT_SCALED)),
+        _row('S-0-0086', 'Torque/force data scaling type', BITS, formula=_constant(NOT_SCALED)),
+        _row('S-0-0093', 'Torque/force data scaling factor', ONE, formula=_constant(1.0)),
+        _row('S-0-0160', 'Acceleration data scaling type', BITS, formula=_constant(NOT_SCALED)),
     ),
     Group.ENCODER: (
         _row('S-0-0079', 'Rotational position resolution', 'increments', 'bus.increments_per_rev'),

@@ -35,21 +35,39 @@ STILL_CYCLES = 20  # cycles without a change of the command that count as a stop
 
 
 @kernel
-def accept_telegram(command, torque, control, s):
-    """Store the MDT of this cycle and put that of the last one into effect, simultaneously in all drives."""
+def accept_telegram(command, torque, control, s, c):
+    """Store the MDT of this cycle and put that of the last one into effect, simultaneously in all drives.
+
+    With the timing of SERCOS II, the MDT of this cycle arrives during the cycle, and that of the last one is stored.
+    """
     if s.started == 0:
         s.started = 1
         first = command if math.isfinite(command) else s.sampled_position
-        s.next_command = s.command = s.command_before = first
-        s.next_torque = s.torque = s.torque_before = torque if math.isfinite(torque) else 0.0
-        s.next_control = 0
+        s.held_command = s.next_command = s.command = s.command_before = first
+        s.held_torque = s.next_torque = s.torque = s.torque_before = torque if math.isfinite(torque) else 0.0
+        s.held_control = s.next_control = 0
         s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
-    s.next_command = command
-    if math.isfinite(torque):
-        s.next_torque = torque
-    s.next_control = control
+    if c.holds_telegrams != 0:
+        _store_held(s)
+        s.held_command = command
+        if math.isfinite(torque):
+            s.held_torque = torque
+    else:
+        s.next_command = command
+        if math.isfinite(torque):
+            s.next_torque = torque
+        s.next_control = control
+    s.held_control = control
     count_telegram(s)
+
+
+@kernel
+def _store_held(s):
+    """Store the MDT that has arrived during the last cycle."""
+    s.next_command = s.held_command
+    s.next_torque = s.held_torque
+    s.next_control = s.held_control
 
 
 @kernel
@@ -66,19 +84,23 @@ def _validate_last(s):
 
 
 @kernel
-def extrapolate_telegram(s):
+def extrapolate_telegram(s, c):
     """Replace a missing MDT: the command is extrapolated at constant speed.
 
     Additive torque and control words stay unchanged. Two losses in a row or ten in a window are a fault (8112).
     """
     if s.started == 0:
         s.started = 1
-        s.next_command = s.command = s.command_before = s.sampled_position
-        s.next_torque = s.torque = s.torque_before = 0.0
-        s.next_control = 0
+        s.held_command = s.next_command = s.command = s.command_before = s.sampled_position
+        s.held_torque = s.next_torque = s.torque = s.torque_before = 0.0
+        s.held_control = s.next_control = 0
         s.state = READY if s.fault == NO_FAULT else FAULT
     _validate_last(s)
-    s.next_command = s.command + (s.command - s.command_before)
+    if c.holds_telegrams != 0:
+        _store_held(s)
+        s.held_command = s.next_command + (s.next_command - s.command)
+    else:
+        s.next_command = s.command + (s.command - s.command_before)
     s.mdt_losses += 1
     count_loss(s)
 

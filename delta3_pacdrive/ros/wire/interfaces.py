@@ -388,7 +388,7 @@ TCP_ACTUAL = _telegram(
 )
 TCP_ERROR = _telegram(
     telegrams.TCP_ERROR,
-    'Cartesian error [m] without the set-point delay of 1.75 cycles; the raw error is command - actual',
+    'Cartesian error [m] without the delay of a set point (1.75 cycles, with sercos2 2.75); raw: command - actual',
     (VISUALIZATION,), recorded=True, answer='tcp_error',
 )
 TURNS = TURN, TURN_2 = tuple(

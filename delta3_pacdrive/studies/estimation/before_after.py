@@ -108,7 +108,7 @@ def error_norm(positions: Floats, commands: Floats, parameters: Parameters) -> F
 
     Commands and answers of a row belong to the same cycle, so the cycle of feedback does not count.
     """
-    delay = parameters.following_error_delay_cycles - 1.0
+    delay = parameters.set_point_delay_cycles
     cycles = np.arange(len(commands), dtype=np.float64)
     ago = np.clip(cycles - delay, 0.0, None)
     delayed = np.column_stack([np.interp(ago, cycles, column) for column in commands.T])

@@ -8,7 +8,7 @@ import numpy as np
 from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import EXCHANGE_PERIODS_S, UNSHAPED, Parameters
+from delta3_pacdrive.parameters import EXCHANGE_PERIODS_S, UNSHAPED, Parameters, from_flat
 from delta3_pacdrive.planning.paths.move import Move
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.planned_move import plan_dwell
@@ -18,7 +18,7 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 SETTLED_S = 0.15  # after the end of a move, when the built robot has come to rest
-ARRIVES_S = 3e-3  # delay from the last set point to the motors
+ARRIVES_S = 3e-3  # delay from the last set point to the motors; one bus cycle more with ``sercos2``
 STANDS_S = 0.35  # dwell after a move that is simulated separately
 
 
@@ -34,9 +34,10 @@ def after_stop(trace: Trace, cycle: int) -> Floats:
 
     """
     period = float(trace.time_s[1] - trace.time_s[0])
-    first, last = cycle + round(ARRIVES_S / period), cycle + round(SETTLED_S / period)
     if 'tcp_true' not in trace.signals:
         raise TraceError('the true TCP is unknown: only a simulation contains it')
+    late_cycles = from_flat(trace.meta['parameters']).bus_delay_cycles - 1
+    first, last = cycle + round(ARRIVES_S / period) + late_cycles, cycle + round(SETTLED_S / period)
     if not 0 < first < last < len(trace.time_s):
         raise TraceError(f'the robot must be at rest for {SETTLED_S:g} s after bus cycle {cycle}')
     tcp = trace['tcp_true']

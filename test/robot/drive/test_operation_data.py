@@ -77,6 +77,10 @@ ROBOT = {
     'bus.cycle_time_s': 4e-3,
     'bus.exchange_period_s': 1e-3,
     'bus.increments_per_rev': 2**18,
+    'bus.timing': 'sercos2',
+    'bus.fibre_length_m': 250.0,
+    'bus.slave_delay_s': 7e-6,
+    'bus.jitter_s': 3e-6,
     'control.feed_forward': 'model',
 }
 # of the drive at that moment
@@ -105,6 +109,7 @@ RECORD = {
     'state': 9,
     'reaction': 1,
     'brake_release': 8,
+    'place': 0,
 }
 RPM = math.tau / 60.0
 GEAR = 63.0 / 2.4
@@ -114,11 +119,21 @@ NEVER, EARLY, ALWAYS = (), (CP2, CP3), (CP2, CP3, CP4)
 EXPECTED = {
     'S-0-0001': ('s', 4e-3, NEVER),
     'S-0-0002': ('s', 4e-3, NEVER),
+    'S-0-0003': ('us', 40, NEVER),
+    'S-0-0004': ('us', 40, NEVER),
+    'S-0-0005': ('us', 200, NEVER),
+    'S-0-0006': ('us', 40, NEVER),
+    'S-0-0007': ('us', 3800, NEVER),
+    'S-0-0008': ('us', 3800, NEVER),
+    'S-0-0009': ('byte', 1, NEVER),
+    'S-0-0010': ('byte', 42, NEVER),  # three records: two words, position, torque, payload
     'S-0-0011': ('bits', 0x0001, NEVER),
     'S-0-0012': ('bits', 0x0001, NEVER),
     'S-0-0013': ('bits', 0x0010, NEVER),  # 15.5 A is more than 12 N m: the torque command is at its limit
     'S-0-0014': ('bits', 0x0004, NEVER),  # CP4
     'S-0-0015': ('bits', 7, NEVER),
+    'S-0-0016': ('byte', 6, NEVER),
+    'S-0-0024': ('byte', 4, NEVER),
     'S-0-0028': ('1', 5, NEVER),
     'S-0-0029': ('1', 5, NEVER),
     'S-0-0032': ('bits', 0x000B, NEVER),
@@ -126,19 +141,28 @@ EXPECTED = {
     'S-0-0038': ('rad/s', 601.0, NEVER),
     'S-0-0039': ('rad/s', -601.0, NEVER),
     'S-0-0040': ('rad/s', 10.0, NEVER),
+    'S-0-0044': ('bits', 0, NEVER),
+    'S-0-0045': ('1', 1, NEVER),
     'S-0-0047': ('rad', 13.0, NEVER),
     'S-0-0049': ('rad', 108.0 / 180.0 * math.pi * GEAR, NEVER),
     'S-0-0050': ('rad', -56.0 / 180.0 * math.pi * GEAR, NEVER),
     'S-0-0051': ('rad', 14.0, NEVER),
     'S-0-0057': ('rad', 0.016, NEVER),
+    'S-0-0076': ('bits', 0, NEVER),
     'S-0-0079': ('increments', 262144, NEVER),
     'S-0-0080': ('N m', 0.79 * 15.5, NEVER),
     'S-0-0081': ('N m', 1.25, NEVER),
     'S-0-0082': ('N m', 12.0, NEVER),
     'S-0-0083': ('N m', -12.0, NEVER),
     'S-0-0084': ('N m', 0.79 * 2.75, NEVER),
+    'S-0-0086': ('bits', 0, NEVER),
+    'S-0-0088': ('us', 50, NEVER),
+    # ATs of 11.2 us from 40, 58 and 76 us on, two jitters of 3 us, and 40 us for the last drive to receive
+    'S-0-0089': ('us', 134, NEVER),
+    'S-0-0090': ('us', 50, NEVER),
     'S-0-0091': ('rad/s', 601.0, ALWAYS),
     'S-0-0092': ('N m', 12.0, ALWAYS),
+    'S-0-0093': ('1', 1, NEVER),
     'S-0-0099': ('bits', 0, NEVER),
     'S-0-0100': ('A s/rad', 0.36, ALWAYS),
     'S-0-0101': ('s', 0.02, NEVER),
@@ -178,6 +202,7 @@ EXPECTED = {
     'P-0-0004': ('s', 1e-3, NEVER),
     'P-0-0005': ('1', 1, NEVER),
     'P-0-0006': ('1', 1, NEVER),
+    'P-0-0007': ('1', 1, NEVER),
     'P-0-0011': ('A/rad', 18.0, ALWAYS),
     'P-0-0012': ('V/(A s)', 12400.0, ALWAYS),
     'P-0-0021': ('kg m2', 6.5e-4, ALWAYS),
@@ -193,6 +218,7 @@ EXPECTED = {
     'P-0-0041': ('1', 1.15, ALWAYS),
     'P-0-0042': ('s', 4.5, ALWAYS),
     'P-0-0051': ('rad', 0.07, NEVER),
+    'S-0-0160': ('bits', 0, NEVER),
     'S-0-0177': ('rad', math.tau * 4096.0 / 262144, NEVER),
     'P-0-0061': ('N m/A', 0.79, NEVER),
     'P-0-0062': ('kg m2', 0.6e-4, NEVER),
@@ -266,6 +292,15 @@ def test_a_drive_is_in_position_within_its_window(error_rad, told, strange):
     record['following_error'] = error_rad
     register = Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
     assert serve(register, 'S-0-0336', Operation.READ, CP4).value == told
+
+
+@pytest.mark.parametrize(('place', 'start_us', 'position'), [(1, 58, 15), (2, 76, 29)])
+def test_each_drive_has_its_own_time_and_its_own_record(place, start_us, position, strange):
+    record = np.zeros(1, STATE)
+    record['place'] = place
+    register = Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
+    assert serve(register, 'S-0-0006', Operation.READ, CP4).value == start_us
+    assert serve(register, 'S-0-0009', Operation.READ, CP4).value == position
 
 
 @for_each('text', EXPECTED)

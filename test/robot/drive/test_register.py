@@ -395,7 +395,7 @@ def test_every_word_is_shown_in_hexadecimal():
     words = {
         format_idn(row.idn) for row in TABLE.values() if row.unit == 'bits' and row.group != Group.COMMANDS
     }
-    numbers = (11, 12, 13, 14, 15, 32, 134, 135)
+    numbers = (11, 12, 13, 14, 15, 32, 44, 76, 86, 134, 135, 160)
     assert words == {f'S-0-{number:04}' for number in numbers}
 
 

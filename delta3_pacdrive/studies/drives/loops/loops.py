@@ -63,6 +63,7 @@ _NOTCH_STATES = (
     'current_asked', 'current_asked_before', 'notched_once', 'notched_once_before', 'notched_twice',
     'notched_twice_before',
 )  # fmt: skip
+_HELD_STATES = ('held_command',)  # with the timing of SERCOS II
 _GEAR_STATES = ('arm_position', 'arm_speed')
 OUTPUTS = (
     'position_error', 'read', 'speed_reference', 'speed_error', 'speed_filtered', 'current_asked',
@@ -111,6 +112,7 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
     filters = SimpleNamespace(**{name: float(constants[name]) for name in NOTCH_CONSTANTS})
     names = (
         *_STATES,
+        *(_HELD_STATES if constants['holds_telegrams'] else ()),
         *(_NOTCH_STATES if constants['notches'] else ()),
         *(_GEAR_STATES if shaft.gear is not None else ()),
     )
@@ -164,6 +166,8 @@ class _Period:
             x['command_before'] = x['command']
             x['command'] = x['next_command']
             x['next_command'] = self._given(Entry.COMMAND)
+            if 'held_command' in x:
+                x['next_command'], x['held_command'] = x['held_command'], x['next_command']
         for name in ('current', 'position', 'speed'):
             self.outputs[name] = x[name]
         exchange = self._every(shaft.exchange_period_s)

@@ -16,8 +16,10 @@ CYCLES, WAIT = 8, 60
 
 @pytest.mark.parametrize('cycle_s', [1e-3, 2e-3, 4e-3])
 @pytest.mark.parametrize('interpolation', ['linear', 'cubic'])
-def test_the_answer_to_one_command_is_that_of_the_drive(interpolation, cycle_s, robot):
+@pytest.mark.parametrize('timing', ['thesis', 'sercos2'])
+def test_the_answer_to_one_command_is_that_of_the_drive(timing, interpolation, cycle_s, robot):
     own = robot.replace(
+        bus__timing=timing,
         bus__cycle_time_s=cycle_s,
         bus__exchange_period_s=250e-6,
         drive__interpolation=interpolation,
