@@ -15,7 +15,7 @@ Text = Callable[[Any], Iterable[str]]
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
 KINDS = (
     'graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network',
-    'shaping', 'steering',
+    'shaping', 'steering', 'timing',
 )  # fmt: skip
 
 
@@ -115,7 +115,7 @@ def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
         return _cell(options)
     if options.what == 'steering':
         return _steering(options)
-    from delta3_pacdrive.benchmarks import control, estimation, motion, shaping, simulation, sweep
+    from delta3_pacdrive.benchmarks import control, estimation, motion, shaping, simulation, sweep, timing
 
     if options.what == 'estimation':
         return estimation.text, estimation.measure(options.seeds or estimation.SEEDS)
@@ -133,6 +133,8 @@ def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
             return sweep.text, sweep.measure(options.runs or sweep.RUNS, progress.show)
         if options.what == 'shaping':
             return shaping.text, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
+        if options.what == 'timing':
+            return timing.text, timing.measure(show=progress.show)
         return control.text, control.measure(show=progress.show)
 
 
@@ -180,8 +182,8 @@ main = Command(
     'bench',
     'Measure the graph (timing, processor time, memory), several robots on one machine, planning, the speed of '
     'simulation and kinematics, the coverage of confidence intervals of estimates, the packaging cycle with each '
-    'controller, the residual vibration with each input shaper, picking from a belt, steering on line, sweeps with one '
-    'and two workers, or a robot with its drives on another host.',
+    'controller, the residual vibration with each input shaper, picking from a belt, steering on line, TCP errors with '
+    'each timing of the bus, sweeps with one and two workers, or a robot with its drives on another host.',
     Options,
     run,
 )
