@@ -16,7 +16,7 @@ FIELDS = {
     for group, cls in parameters.groups().items()
     for field in dataclasses.fields(cls)
 }
-UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm|_hz)')
+UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm|_hz|_w|_f)')
 SWITCHES = {name for name, field in FIELDS.items() if field.type is bool}
 WORDS = {name for name, field in FIELDS.items() if field.type is str}
 DIMENSIONLESS = (
@@ -44,6 +44,7 @@ DIMENSIONLESS = (
         'motion.start_cycle',
         'motor.coupling_effect',
         'control.shaping_damping',
+        'supply.ready_share',
         *(f'{group}.{name}' for group in ('rotary', 'rotary_2') for name in ('pole_pairs', 'gear_ratio')),
         *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
     }
@@ -65,7 +66,8 @@ GEARS = {'control.gear_stiffness_n_m_rad', 'control.gear_backlash_rad'}
 SHAPING = {f'control.shaping{name}' for name in ('', '_frequency_hz', '_damping')}
 IN_POSITION = {'drive.position_window_rad', 'motion.in_position_time_s', 'motion.in_position_timeout_s'}
 ROTARY = {name for name in FIELDS if name.startswith('rotary')}
-OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING | ROTARY
+SUPPLY = {name for name in FIELDS if name.startswith('supply')}
+OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING | ROTARY | SUPPLY
 RING = {
     f'bus.{name}' for name in ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')
 }
@@ -519,6 +521,9 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     if name in RING - {'bus.timing'}:  # the timing of the thesis has no ring
         assert replace(robot, name, changed).checksum == robot.checksum
         robot = robot.replace(bus__timing='sercos2')
+    if name in SUPPLY - {'supply.enabled'}:
+        assert replace(robot, name, changed).checksum == robot.checksum
+        robot = robot.replace(supply__enabled=True)
     if name == 'rotary_2.present':
         robot = robot.replace(rotary__present=True)
     assert replace(robot, name, changed).checksum != robot.checksum

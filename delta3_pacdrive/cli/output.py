@@ -255,6 +255,12 @@ def figures_text(result: dict[str, Any]) -> list[str]:
         from delta3_pacdrive.planning.limits.energy import Energy
 
         rows.append(('energy', Energy(**result['energy']).text(result.get('repeat', 1))))
+    if 'supply' in result:
+        from delta3_pacdrive.planning.limits.supply import SupplyLoad
+        from delta3_pacdrive.studies.runs.run_supply import EnergyBalance
+
+        rows += SupplyLoad(**result['supply']['load']).rows()
+        rows.append(('balance', EnergyBalance(**result['supply']['balance']).text))
     if 'from_exact' in result:
         apart = result['from_exact']
         rows.append(

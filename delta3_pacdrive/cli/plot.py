@@ -17,6 +17,7 @@ from delta3_pacdrive.recording.signals import (
     REQUESTED_SIGNALS,
     ROTARY_SIGNALS,
     SIGNALS,
+    SUPPLY_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
 )
@@ -29,6 +30,7 @@ KNOWN = (
     | TORQUE_SIGNALS
     | CURRENT_SIGNALS
     | TRUE_SIGNALS
+    | SUPPLY_SIGNALS
     | ROTARY_SIGNALS
     | DERIVED_SIGNALS
     | REQUESTED_SIGNALS

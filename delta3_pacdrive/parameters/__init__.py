@@ -53,6 +53,7 @@ from delta3_pacdrive.parameters.robot import (
 )
 from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
+from delta3_pacdrive.parameters.supply import Supply
 
 __all__ = [
     'ARMS',
@@ -95,6 +96,7 @@ __all__ = [
     'Parameters',
     'Rich',
     'Rotary',
+    'Supply',
     'config_directory',
     'find',
     'flat_document',

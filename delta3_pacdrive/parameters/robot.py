@@ -31,6 +31,7 @@ from delta3_pacdrive.parameters.records import (
 from delta3_pacdrive.parameters.rotary import GROUPS as ROTARY_GROUPS
 from delta3_pacdrive.parameters.rotary import Rotary, present_axes
 from delta3_pacdrive.parameters.rules import broken_rules
+from delta3_pacdrive.parameters.supply import Supply
 
 PLANTS = ('plain', 'rich')
 BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
@@ -52,6 +53,7 @@ class Parameters:
     control: Control = field(default_factory=Control)
     rotary: Rotary = field(default_factory=Rotary)
     rotary_2: Rotary = field(default_factory=Rotary)
+    supply: Supply = field(default_factory=Supply)
 
     def __post_init__(self) -> None:
         """Check the rules between values."""
@@ -182,13 +184,15 @@ class Parameters:
     def checksum(self) -> str:
         """Digest of every value; participants agree if their digests are equal.
 
-        Values of absent rotary axes, and those of the ring without ``sercos2``, are excluded, so that the digests of
-        such robots do not change.
+        Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply that is not enabled
+        are excluded, so that the digests of such robots do not change.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
             for name in RING:
                 del values[f'bus.{name}']
+        if not self.supply.enabled:
+            values = {name: value for name, value in values.items() if not name.startswith('supply.')}
         text = repr(sorted(values.items()))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -21,6 +21,7 @@ from delta3_pacdrive.parameters.records import (
     Rich,
 )
 from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary, present_axes, violation
+from delta3_pacdrive.parameters.supply import Supply, broken_supply
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # older coupling torques make the drives oscillate
@@ -50,6 +51,7 @@ def broken_rules(
     rotary: Rotary,
     rotary_2: Rotary,
     motion: Motion,
+    supply: Supply,
     **_: Any,
 ) -> Rules:
     """Yield violated rules between values."""
@@ -63,6 +65,7 @@ def broken_rules(
     yield from _broken_shaping(control)
     yield from _broken_speeds(motion)
     yield from broken_rotary(rotary, rotary_2)
+    yield from broken_supply(supply, drive.dc_link_voltage_v)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:

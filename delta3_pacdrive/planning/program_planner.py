@@ -33,7 +33,7 @@ from delta3_pacdrive.planning.round_planner import Arches, PlanRequest, RoundPla
 from delta3_pacdrive.planning.thermal_load import AppendedLoad, ThermalLoad
 from delta3_pacdrive.planning.timing import time_parametrization
 from delta3_pacdrive.planning.timing.move_grid import Stretches
-from delta3_pacdrive.robot.faults.fault import require_axes
+from delta3_pacdrive.robot.faults.fault import require_targets
 
 SAME_DECIMALS = 9  # of identical start positions [m]
 # heat weights tried until time-optimal moves respect the rms current limit
@@ -99,7 +99,7 @@ def plan(
 
     """
     require_start(program, position_m)
-    require_axes(program.faults, parameters.axes)
+    require_targets(program.faults, parameters.axes, parameters.supply.enabled)
     turns = _start_turns(program, turns_rad, parameters)
 
     request = PlanRequest(

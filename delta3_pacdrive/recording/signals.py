@@ -33,6 +33,12 @@ TRUE_SIGNALS = {
     'arm_angle': ('rad', 'true arm angle, after the gear'),
     'tcp_true': ('m', 'true TCP, with the tolerances of the arms'),
 }
+# if the DC link has a model (``supply.enabled``)
+SUPPLY_SIGNALS = {
+    'dc_link_voltage': ('V', 'voltage of the DC link'),
+    'mains_power': ('W', 'power from the mains, mean of the bus cycle before'),
+    'resistor_power': ('W', 'power in the brake resistor, mean of the bus cycle before'),
+}
 # first rotary axis; angles and speeds of the tool
 TURN_SIGNALS = {
     'turn_command': ('rad', 'angle of the tool that the MDT commands'),
@@ -100,6 +106,7 @@ ONE_COLUMN = (
     'overruns',
     'cell_vacuum',
     'cell_payload',
+    *SUPPLY_SIGNALS,
     *ROTARY_SIGNALS,
 )
 

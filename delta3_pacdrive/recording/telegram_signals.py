@@ -21,6 +21,7 @@ TELEGRAM_SIGNALS = {
         telegram: (numbered('turn_command', n), '', numbered('turn_error', n))
         for n, telegram in enumerate(telegrams.TURNS)
     },
+    telegrams.DC_LINK: ('dc_link_voltage', '', '', 'mains_power', 'resistor_power'),
     **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
     telegrams.FOLLOWING_ERROR: ('following_error',),
     telegrams.TCP_COMMAND: ('tcp_command',),

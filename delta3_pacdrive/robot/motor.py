@@ -38,6 +38,7 @@ MOTOR = np.dtype(
         ('torque_constant', 'f8'),
         ('phase_resistance', 'f8'),
         ('current_decay', 'f8'),
+        ('phase_inductance', 'f8'),
         ('back_emf_constant', 'f8'),
         ('viscous_friction', 'f8'),
         ('static_friction', 'f8'),
@@ -55,6 +56,7 @@ def motor(parameters: Parameters) -> NDArray[Any]:
     record['torque_constant'] = p.torque_constant_n_m_a * math.cos(drive.commutation_offset_rad)
     record['phase_resistance'] = p.winding_resistance_ohm / 2.0
     time_constant = p.winding_inductance_h / p.winding_resistance_ohm
+    record['phase_inductance'] = p.winding_inductance_h / 2.0
     record['current_decay'] = math.exp(-drive.current_period_s / time_constant)
     record['back_emf_constant'] = p.torque_constant_n_m_a / 3.0
     record['viscous_friction'] = p.viscous_friction_n_m_s_rad
@@ -88,6 +90,18 @@ def short_circuit_current(current, voltage, m):
 def friction_torque(speed, m):
     """Friction torque at the shaft, opposing the speed."""
     return m.static_friction * math.tanh(speed / m.friction_smoothing) + m.viscous_friction * speed
+
+
+@kernel
+def drawn_energy(before, now, speed, step, m):
+    """Energy [J] that a motor draws from the DC link in a ``step`` [s], negative while it brakes.
+
+    It is the heat and the change of the magnetic energy of the winding, and the work at the shaft, for a current that
+    changes linearly from ``before`` to ``now`` [A] at a mean ``speed`` [rad/s].
+    """
+    heat = m.phase_resistance * (before * before + before * now + now * now) * step
+    magnetic = 1.5 * m.phase_inductance * (now * now - before * before)
+    return heat + magnetic + 0.5 * m.torque_constant * (before + now) * speed * step
 
 
 @kernel

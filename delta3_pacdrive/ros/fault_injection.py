@@ -24,7 +24,8 @@ from delta3_pacdrive.control.messages import Numbering
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.control.operation.service_texts import split_mark
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
-from delta3_pacdrive.robot.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_axes
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_targets
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros import node_process
@@ -39,8 +40,9 @@ ANSWERS_MAX = 100  # kept for repeated requests
 class FaultInjection:
     """Accepts faults in the transformation task and publishes them to all nodes."""
 
-    def __init__(self, node: Node, controller: RobotController, cycle_time_s: float) -> None:
-        self._node, self._controller, self._cycle_time_s = node, controller, cycle_time_s
+    def __init__(self, node: Node, controller: RobotController, parameters: Parameters) -> None:
+        self._node, self._controller, self._cycle_time_s = node, controller, parameters.bus.cycle_time_s
+        self._axes, self._supplied = parameters.axes, parameters.supply.enabled
         self.accepted = 0
         self._answers: dict[str, tuple[bool, str]] = {}  # by the mark of the request, oldest first
         self._schedule = FAULT_SCHEDULE.publisher(node)
@@ -64,7 +66,7 @@ class FaultInjection:
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
-            self._require_axes([fault])
+            self._require_targets([fault])
             closed = self._controller.closed()
             if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')
@@ -76,13 +78,13 @@ class FaultInjection:
 
     def check(self, faults: Sequence[Fault]) -> None:
         """Raise ProgramError for faults that cannot be injected."""
-        self._require_axes(faults)
+        self._require_targets(faults)
         for fault in faults:
             if fault.kind in PROCESS_FAULTS and not node_process.is_separate():
                 raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
 
-    def _require_axes(self, faults: Sequence[Fault]) -> None:
-        require_axes(faults, self._controller.services.drives)
+    def _require_targets(self, faults: Sequence[Fault]) -> None:
+        require_targets(faults, self._axes, self._supplied)
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
         """Publish faults whose times are relative to a bus cycle; raises ProgramError."""

@@ -28,11 +28,11 @@ SHOWN = {
     ),
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
-        'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control',
+        'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control', 'supply',
     ),
     'plant': (
         'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'rotary_2', 'drive.current_period_s',
-        'motion.home_m',
+        'motion.home_m', 'supply', 'drive.dc_link_voltage_v',
     ),
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),

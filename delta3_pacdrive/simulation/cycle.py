@@ -16,7 +16,7 @@ Arguments of the kernels here:
 ``task``, ``robot``
     Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
-    Receives the signals in the order of ``NAMES``, shape (18, cycles, 3).
+    Receives the signals in the order of ``NAMES``, shape (19, cycles, 3).
 ``rotary``
     For each rotary axis its rotations in the plan (``TurnTables``), array of one record ``control.cycle.ROTARY``, and
     array that receives its signals, shape (6, cycles). The compiler cannot iterate over an empty tuple, so each loop is
@@ -38,9 +38,20 @@ from delta3_pacdrive.errors import FaultCode, RunError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Parameters, numbered
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    SIGNALS,
+    SUPPLY_SIGNALS,
+    TORQUE_SIGNALS,
+    TRUE_SIGNALS,
+)
 from delta3_pacdrive.robot.drive.diagnostics import fault_text
-from delta3_pacdrive.robot.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
+from delta3_pacdrive.robot.faults.effects import (
+    apply_to_drive,
+    apply_to_link,
+    apply_to_motors,
+    apply_to_plant,
+)
 from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.plant import true_tcp
@@ -56,11 +67,13 @@ from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 REST_S = 1.0  # time without torque in which the machine comes to rest
 ROOM_CYCLES = 1024  # initial size of the signals when the duration is unknown
 
-NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS)
+SUPPLY = 'supply'  # its columns are the signals of the supply
+NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS, SUPPLY)
 (
     MOTOR_COMMAND, MOTOR_POSITION, MOTOR_SPEED, CURRENT, FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR,
     SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE,
     CURRENT_MEAN, CURRENT_RMS, CURRENT_MIN, CURRENT_MAX, ARM_ANGLE, TCP_TRUE, TORQUE_COMMAND,
+    SUPPLY_POWERS,
 ) = range(len(NAMES))  # fmt: skip
 
 
@@ -76,6 +89,15 @@ def note_command(cycle, motors, torques, plant, signals):
         signals[COUPLING_TORQUE, cycle, i] = shafts[6 + i]
         signals[ARM_ANGLE, cycle, i] = plant[0].state.theta[i]
         signals[TCP_TRUE, cycle, i] = tcp[i]
+
+
+@kernel
+def note_supply(cycle, robot, signals):
+    """Record voltage and powers of the DC link at the start of a bus cycle."""
+    link, period = robot[0].link[0].state, robot[0].drives[0].constants.cycle_time
+    signals[SUPPLY_POWERS, cycle, 0] = link.voltage
+    signals[SUPPLY_POWERS, cycle, 1] = link.cycle_mains / period
+    signals[SUPPLY_POWERS, cycle, 2] = link.cycle_resistor / period
 
 
 @kernel
@@ -135,6 +157,7 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
     for k in range(first, end):
         command_cycle(k, task, timeline, corrections)
         note_command(k, motors, c.torques, r.plant, signals)
+        note_supply(k, robot, signals)
         if len(rotary) > 0:
             for turns, axis, found in rotary:
                 command_turn(k, task, timeline, turns, axis)
@@ -245,6 +268,10 @@ class SimulatedOperation:
     def signals(self) -> dict[str, Floats]:
         """Return the signals so far, torques [N m] instead of currents."""
         signals = {name: signal[: self.cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
+        supply = signals.pop(SUPPLY)
+        if self._robot.link.enabled:
+            columns = supply.T[:, :, None]
+            signals |= dict(zip(SUPPLY_SIGNALS, columns, strict=True))
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
@@ -328,6 +355,7 @@ class SimulatedOperation:
             payload = carried
             robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
+        note_supply(cycle, robot.record, self._signals)
         for _, axis, signals in self._rotary():
             note_turn_command(cycle, axis, robot.record, signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in self._names]
@@ -359,11 +387,11 @@ class SimulatedOperation:
             self._stop(stop, ''.join(causes[:1]))
 
     def _change_faults(self, cycle: int) -> None:
-        nominal = self._parameters.drive.dc_link_voltage_v
         changes, active = self._schedule.due(cycle), self._schedule.active
         for axis, drive in zip(self._names, self._robot.drives, strict=True):
-            apply_to_drive(drive.state[0], axis, changes, active, nominal)
+            apply_to_drive(drive.state[0], axis, changes, active)
         apply_to_plant(self._robot.plant.state[0], changes, active)
+        apply_to_link(self._robot.link.state[0], active)
         for axis, plant in zip(self._names[ARMS:], self._robot.rotary, strict=True):
             apply_to_motors(plant.state[0], active, (axis,))
         for fault, _ in changes:

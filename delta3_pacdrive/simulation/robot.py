@@ -10,8 +10,9 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, AXES_MAX, Parameters, numbered, rotary_axis_parameters
 from delta3_pacdrive.robot.drive.arrays import DRIVE, drive_constants
-from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period, take_link
 from delta3_pacdrive.robot.plant.arrays import PLANT
+from delta3_pacdrive.robot.plant.dc_link import LINK, DcLink, advance_link, begin_link_cycle
 from delta3_pacdrive.robot.plant.plant import Plant, advance
 from delta3_pacdrive.robot.plant.rotary_plant import ROTARY_PLANT, RotaryPlant, advance_rotary
 from delta3_pacdrive.robot.sercos.words import payload_on_grid
@@ -23,6 +24,7 @@ ROBOT = np.dtype(
         ('drives', DRIVE, (AXES_MAX,)),
         ('plant', PLANT, (1,)),
         ('rotary', ROTARY_PLANT, (ROTARY_MAX,)),
+        ('link', LINK, (1,)),
         ('exchanges', 'i8'),  # per bus cycle
         ('received', 'i8', (AXES_MAX,)),  # whether a drive receives the MDT
         ('status', 'i8', (AXES_MAX,)),  # S-0-0135
@@ -50,6 +52,25 @@ def _shaft(i, r):
 
 
 @kernel
+def _supply(axes, r):
+    """Give the voltage of the DC link of the record ``r`` to its first ``axes`` drives, and begin its sums."""
+    s = r.link[0].state
+    load = s.heat / r.link[0].constants.heat_max
+    for i in range(axes):
+        take_link((s.voltage, float(s.ready), load), r.drives[i].state)
+    begin_link_cycle(r.link)
+
+
+@kernel
+def _drawn(axes, r):
+    """Energy [J] drawn by the motors of the first ``axes`` axes of the record ``r`` in the last exchange period."""
+    drawn = r.plant[0].state.drawn
+    for number in range(axes - ARMS):
+        drawn += r.rotary[number].state.drawn
+    return drawn
+
+
+@kernel
 def robot_cycle(motors, control, payload_kg, robot, built, currents):
     """Run one bus cycle of drives and plant, exchange by exchange; sets ``status`` and ``answers``.
 
@@ -69,6 +90,8 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
     r, axes = robot[0], motors.shape[0]
     drives, plant = r.drives, r.plant
     r.payload, r.next_payload = r.next_payload, payload_kg
+    if r.link[0].constants.enabled != 0:
+        _supply(axes, r)
     for i in range(axes):
         received = r.received[i] != 0
         r.status[i] = mc4_begin_cycle(received, motors[i], r.torques[i], control, _shaft(i, r), drives, i)
@@ -80,6 +103,8 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
         advance(currents, r.brakes, r.payload, plant, built)
         for i in range(ARMS, axes):
             advance_rotary(currents, i, r.brakes[i], plant[0].state.carried, r.rotary, i - ARMS)
+        if r.link[0].constants.enabled != 0:
+            advance_link(_drawn(axes, r), r.link)
 
 
 @kernel
@@ -124,8 +149,8 @@ class Robot:
         [A].
     plant, rotary
         Arms, and rotary axes.
-    drives
-        All drives, those of the arms first.
+    drives, link
+        All drives, those of the arms first, and their DC link.
     observed
         Whether the drives are observed between exchanges; bus cycles are then not run in one compiled loop.
     answers, status
@@ -151,6 +176,7 @@ class Robot:
                 MC4(rotary_axis_parameters(parameters, number), 0, shared, place=ARMS + number)
             )
             self.rotary += (RotaryPlant(parameters, number, rotary[number : number + 1]),)
+        self.link = DcLink(parameters, self.record['link'][0])
         self.received: NDArray[np.int64] = self.record['received'][0, :axes]
         self.status: NDArray[np.int64] = self.record['status'][0, :axes]
         self.answers: Floats = self.record['answers'][0, :, :axes]

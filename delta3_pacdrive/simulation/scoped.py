@@ -65,6 +65,10 @@ class ScopedRobot(Robot):
         r = self.record[0]
         self.take_payload(float(r['next_payload']) if payload_kg is None else payload_kg)
         exchanges, axes = int(r['exchanges']), len(commands)
+        if self.link.enabled:
+            for drive in self.drives[:axes]:
+                drive.take_link(self.link.values())
+            self.link.begin_cycle()
         additive, arrives = np.broadcast_to(torques, axes).tolist(), np.broadcast_to(received, axes)
         for i, (drive, shaft) in enumerate(zip(self.drives[:axes], self.shafts(), strict=False)):
             if arrives[i]:
@@ -81,6 +85,8 @@ class ScopedRobot(Robot):
             carried = float(self.plant.state['carried'][0])
             for axis, brake_released in zip(self.rotary, released[ARMS:], strict=False):
                 axis.advance(self.currents, brake_released, carried)
+            if self.link.enabled:
+                self.link.advance(sum((axis.drawn_j for axis in self.rotary), self.plant.drawn_j))
         self._cycle += 1
 
     def _run(self, exchange: int, i: int, shaft: Sequence[float]) -> bool:

@@ -104,6 +104,11 @@ CASES = {
         {},
         'rich',
     ),
+    'mains dip': (
+        _with_faults({'fault': 'supply_dip', 'share': 0.8, 'after_s': 0.1, 'for_s': 0.1}),
+        {'supply__enabled': True, 'supply__capacitance_f': 5e-5},
+        'model',
+    ),
     'load and noise': (
         _with_faults(
             {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': 1.5, 'after_s': 0.1, 'for_s': 0.1},

@@ -57,7 +57,7 @@ def test_a_signal_of_one_column_has_no_axes_and_a_number_needs_no_unit(tmp_path)
 
 
 def test_every_unit_that_is_read_has_its_meaning_here():
-    assert set(quantities.UNITS) == {*MEANING, 's', 'ms', 'us', 'ns', 'kg', 'Pa', 'N'}
+    assert set(quantities.UNITS) == {*MEANING, 's', 'ms', 'us', 'ns', 'kg', 'Pa', 'N', 'W'}
 
 
 @pytest.mark.parametrize(('unit', 'second'), [('s', 1.0), ('ms', 1000.0), ('us', 1e6)])

@@ -26,12 +26,13 @@ ONE_UNIT_IN_SI = {
     'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
     'N m': 1.0, 'm/s': 1.0, 'mm/s': 0.001, 'm/s2': 1.0, 'mm/s2': 0.001, 'rad/s2': 1.0,
     'deg/s2': 0.017453292519943295, 'kg': 1.0, 'increments': 1.0, 'bits': 1.0, 'Pa': 1.0,
-    'N': 1.0,
+    'N': 1.0, 'W': 1.0,
 }  # fmt: skip
 IN_UNITS = {'s': 'time', 'rad': 'motor_position', 'rad/s': 'motor_speed', 'A': 'current', 'm': 'tcp_measured',
             'V': 'phase_voltage', 'N m': 'coupling_torque', 'm/s': 'tcp_velocity',
             'm/s2': 'tcp_acceleration', 'rad/s2': 'arm_acceleration', 'kg': 'payload', 'bits': 'status_word',
-            'increments': 'drive_encoder_increments', 'Pa': 'cell_vacuum', 'N': 'cell_force'}  # fmt: skip
+            'increments': 'drive_encoder_increments', 'Pa': 'cell_vacuum', 'N': 'cell_force',
+            'W': 'mains_power'}  # fmt: skip
 
 
 @pytest.mark.parametrize('unit', ONE_UNIT_IN_SI)

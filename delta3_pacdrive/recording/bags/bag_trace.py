@@ -17,6 +17,7 @@ from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     ROTARY_SIGNALS,
     SIGNALS,
+    SUPPLY_SIGNALS,
     TORQUE_SIGNALS,
 )
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
@@ -45,7 +46,8 @@ LAYOUTS = {
     topic: [t for t in TELEGRAM_SIGNALS if t.topic == topic] for topic in (t.topic for t in TELEGRAM_SIGNALS)
 }
 SHAFTS = telegrams.SHAFTS.topic
-ROTARY = {telegram.topic for telegram in (*telegrams.ROTARY_AT, *telegrams.TURNS)}
+# topics with a signal per number
+NUMBERS = {telegram.topic for telegram in (*telegrams.ROTARY_AT, *telegrams.TURNS, telegrams.DC_LINK)}
 # signals of a rotary axis in units of its motor, and the parameters that convert them to the tool
 OF_MOTOR = {
     'turn_position': 'gear_ratio',
@@ -372,7 +374,7 @@ def _signals(
     at_topics = [telegram.topic for telegram in telegrams.AT]
     for topic, values in rows.items():
         if topic not in at_topics:
-            wide = 1 if topic in ROTARY else values.shape[1] // len(names[topic])
+            wide = 1 if topic in NUMBERS else values.shape[1] // len(names[topic])
             for i, signal in enumerate(names[topic]):
                 if signal:
                     # the arms come first
@@ -381,9 +383,8 @@ def _signals(
     if len(feedback) == len(telegrams.AT):
         for i, signal in enumerate(TELEGRAM_SIGNALS[telegrams.AT[0]]):
             found[signal] = np.stack([one[:, i] for one in feedback], axis=1)
-    return {
-        signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *ROTARY_SIGNALS) if signal in found
-    }
+    names_kept = (*SIGNALS, *SUPPLY_SIGNALS, *TORQUE_SIGNALS, *ROTARY_SIGNALS)
+    return {signal: found[signal] for signal in names_kept if signal in found}
 
 
 def _convert_to_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:

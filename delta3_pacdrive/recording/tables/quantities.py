@@ -17,6 +17,7 @@ from delta3_pacdrive.recording.signals import (
     REQUESTED_SIGNALS,
     ROTARY_SIGNALS,
     SIGNALS,
+    SUPPLY_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
     columns_of,
@@ -43,7 +44,8 @@ OF_ARMS = {
     'arm_acceleration_reference': ('rad/s2', 'arm acceleration that was commanded'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
-OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | ROTARY_SIGNALS | DERIVED_SIGNALS
+OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS | ROTARY_SIGNALS
+OF_RUNS |= DERIVED_SIGNALS
 QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
 ONE = '1'  # unit of dimensionless values
@@ -76,6 +78,7 @@ UNITS = {
     'bits': ('bits', 1.0),
     'Pa': ('Pa', 1.0),
     'N': ('N', 1.0),
+    'W': ('W', 1.0),
 }
 # alternative spellings
 SPELLINGS = {

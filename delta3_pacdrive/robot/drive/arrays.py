@@ -18,6 +18,8 @@ Arguments of the kernels of this package:
     Whether the drive follows its commands.
 ``current``, ``mean_current``, ``feedforward``
     I_eff [A]: of the power stage, mean of a period, addition to the reference.
+``link``
+    DC link: voltage [V], readiness (1 or 0), load of the brake resistor, shape (3,).
 ``voltage_max``
     Largest phase voltage [V rms].
 ``value``, ``limit``
@@ -39,6 +41,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.parameters import CUBIC, Parameters
 from delta3_pacdrive.parameters.notch import NUMBERS, notches
+from delta3_pacdrive.parameters.supply import OVER_VOLTAGE, UNDER_VOLTAGE
 from delta3_pacdrive.robot.drive.notch import COEFFICIENTS, coefficients
 from delta3_pacdrive.robot.motor import MOTOR
 from delta3_pacdrive.robot.motor import motor as motor_constants
@@ -60,7 +63,6 @@ class DriveState(IntEnum):
 IMPLAUSIBLE_SPEED = 1.5  # encoder step within one cycle, relative to the trip speed
 SHORT_CIRCUIT = 1.3  # current that blocks the power stage, relative to the peak current
 STANDSTILL_RAD_S = 0.5  # S-0-0124
-UNDER_VOLTAGE, OVER_VOLTAGE = 0.75, 1.35  # relative to the nominal DC link voltage: 420 V and 756 V
 
 STATE = np.dtype(
     [
@@ -149,6 +151,10 @@ STATE = np.dtype(
         ('last_rms', 'f8'),
         # power stage and motor
         ('dc_link', 'f8'),  # [V], actual value
+        ('link_voltage', 'f8'),  # [V], of the supply at the start of this bus cycle
+        ('link_forced', 'i8'),  # injected: another voltage than that of the supply
+        ('link_ready', 'i8'),  # precharged
+        ('resistor_load', 'f8'),  # heat of the brake resistor relative to its continuous power
         ('blocked', 'i8'),  # the power stage has switched itself off, over-current
         ('winding_short', 'i8'),  # injected: short circuit at the motor's terminals
         ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; equals the stage current without a short

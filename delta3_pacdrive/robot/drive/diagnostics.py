@@ -38,6 +38,7 @@ class DriveFault(IntEnum):
     UNDER_VOLTAGE = 11
     OVER_VOLTAGE = 12
     BRAKE = 13
+    RESISTOR = 14
 
 
 class DriveWarning(IntFlag):
@@ -46,6 +47,7 @@ class DriveWarning(IntFlag):
     NONE = 0
     FOLLOWING_ERROR = 1
     OVERLOAD = 2
+    RESISTOR = 4
 
 
 @dataclass(frozen=True)
@@ -81,11 +83,15 @@ FAULTS = {
         'DC link above 135 % of its voltage'),
     # the torque is already off
     DriveFault.BRAKE: Diagnostic(8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'),
+    DriveFault.RESISTOR: Diagnostic(8912, 3, Reaction.BD2, Class1.MANUFACTURER,
+        'brake resistor of the DC link overloaded'),
 }
 WARNINGS = {
     DriveWarning.FOLLOWING_ERROR: Diagnostic(8132, 2, Reaction.NONE, Class2.MANUFACTURER,
         'following error over its limit'),
     DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class2.OVERLOAD, 'I2t over 80 % of its limit'),
+    DriveWarning.RESISTOR: Diagnostic(8913, 2, Reaction.NONE, Class2.MANUFACTURER,
+        'brake resistor of the DC link over 80 % of its load'),
 }
 # fmt: on
 

@@ -15,6 +15,7 @@ from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 
 PARTING_CYCLES = 100  # bus cycles that a drive stays on the bus after the longest stop
 Shaft = tuple[float, float, float]  # position, speed, coupling torque
+Supply = tuple[float, ...]  # voltage, readiness and resistor load of the DC link
 
 
 class Command(NamedTuple):
@@ -48,8 +49,9 @@ class Callbacks(NamedTuple):
 class DriveClock:
     """One drive in bus time.
 
-    A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft is
-    awaited indefinitely. A drive that stops without its master awaits no commands.
+    A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft, and
+    the state of a DC link with a model, are awaited indefinitely. A drive that stops without its master awaits no
+    commands.
 
     Attributes
     ----------
@@ -70,7 +72,6 @@ class DriveClock:
     ) -> None:
         bus = parameters.bus
         self._drive, self._axis, self._faults, self._callbacks = drive, axis, faults, callbacks
-        self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         stop_s = parameters.drive.stop_time_max_s + parameters.motor.brake_apply_s
         self._parting_cycles = math.ceil(stop_s / bus.cycle_time_s) + PARTING_CYCLES
@@ -86,6 +87,8 @@ class DriveClock:
         self._newest = -1  # cycle of the latest command
         self._last_taken: tuple[int, Command | None] = -1, None
         self._shafts: dict[int, Shaft] = {}
+        self._supplied = parameters.supply.enabled
+        self._supplies: dict[int, Supply] = {}
 
     @property
     def cycle(self) -> int:
@@ -102,6 +105,7 @@ class DriveClock:
         self.exchange = cycle * self._per_cycle
         self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
         self._shafts = {key: value for key, value in self._shafts.items() if key >= self.exchange}
+        self._supplies = {key: value for key, value in self._supplies.items() if key >= cycle}
         self._newest = max(self._commands, default=-1)
         self.running, self._parting, self._parted = True, False, 0
         self._advance()
@@ -118,6 +122,7 @@ class DriveClock:
         self._commands.clear()
         self._lost.clear()
         self._shafts.clear()
+        self._supplies.clear()
         self._drive.leave_bus()
         self.service = ServiceSlave(self._callbacks.serve)
 
@@ -146,6 +151,11 @@ class DriveClock:
         self._shafts[exchange] = shaft
         self._advance()
 
+    def take_supply(self, cycle: int, supply: Supply) -> None:
+        """Store the state of the DC link at the start of a bus cycle."""
+        self._supplies[cycle] = supply
+        self._advance()
+
     def _advance(self) -> None:
         """Run all exchanges whose telegrams have arrived."""
         drive = self._drive
@@ -156,9 +166,13 @@ class DriveClock:
                 return
             cycle, within = divmod(exchange, self._per_cycle)
             if within == 0:
+                if self._supplied:
+                    if cycle not in self._supplies:
+                        return
+                    drive.take_link(self._supplies[cycle])
                 if cycle >= self._faults.next_cycle:
                     changes = self._faults.due(cycle)
-                    apply_to_drive(drive.state[0], self._axis, changes, self._faults.active, self._dc_link_v)
+                    apply_to_drive(drive.state[0], self._axis, changes, self._faults.active)
                 command = self._commands.pop(cycle, None)
                 if command is not None:
                     position, control, service, payload, torque = command
@@ -176,6 +190,7 @@ class DriveClock:
                     return
                 self._callbacks.send_answer(cycle, status)
             del self._shafts[exchange]
+            self._supplies.pop(cycle, None)
             scope = self.scope
             released = drive.run_period(*shaft) if scope is None else scope.run_period(exchange, *shaft)
             self._callbacks.send_current(exchange, released)

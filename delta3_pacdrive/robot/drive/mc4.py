@@ -1,5 +1,6 @@
 """One MC-4 drive between two exchanges with the plant."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -161,6 +162,16 @@ def _run_sample(n, start_speed, drives, i, currents):
 
 
 @kernel
+def take_link(link, s):
+    """Take voltage [V], readiness and resistor load of the DC link at the start of a bus cycle."""
+    s.link_voltage = link[0]
+    s.link_ready = 1 if link[1] != 0.0 else 0
+    s.resistor_load = link[2]
+    if s.link_forced == 0:
+        s.dc_link = s.link_voltage
+
+
+@kernel
 def mc4_run_period(shaft, drives, i, currents):
     """Run the control loops for one exchange period, filling a column of currents; return the brake output.
 
@@ -275,7 +286,8 @@ class MC4:
         self.constants[:] = constants
         self.currents: Floats = self._currents[:, place]
         self.answer: Floats = self.state['answer'][0]
-        self.state['dc_link'] = parameters.drive.dc_link_voltage_v
+        self.state['dc_link'] = self.state['link_voltage'] = parameters.drive.dc_link_voltage_v
+        self.state['link_ready'] = 1
         self.state['place'] = bus_place
         sensors.calibrate(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
@@ -368,6 +380,10 @@ class MC4:
         """Return views of the record ``STATE`` as 8-byte words, as floats and as integers."""
         words = self._drives[self._place : self._place + 1].view(np.int64)[: STATE.itemsize // 8]
         return words.view(np.float64), words
+
+    def take_link(self, link: Sequence[float]) -> None:
+        """Take voltage [V], readiness and resistor load of the DC link at the start of a bus cycle."""
+        take_link(link, self.state[0])
 
     @property
     def drive_state(self) -> DriveState:

@@ -14,9 +14,13 @@ from delta3_pacdrive.robot.sercos.words import Control, Status
 NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED = map(int, DriveState)
 (
     NO_FAULT, FOLLOWING_ERROR, OVERSPEED, OVERLOAD, COMMAND_STEP, COMMAND_NOT_FINITE, TELEGRAM,
-    ENCODER, OVER_CURRENT, OVERTRAVEL, MASTER_SILENT, UNDER_VOLTAGE, OVER_VOLTAGE, BRAKE,
+    ENCODER, OVER_CURRENT, OVERTRAVEL, MASTER_SILENT, UNDER_VOLTAGE, OVER_VOLTAGE, BRAKE, RESISTOR,
 ) = map(int, DriveFault)  # fmt: skip
-WARN_FOLLOWING, WARN_OVERLOAD = int(DriveWarning.FOLLOWING_ERROR), int(DriveWarning.OVERLOAD)
+WARN_FOLLOWING, WARN_OVERLOAD, WARN_RESISTOR = (
+    int(DriveWarning.FOLLOWING_ERROR),
+    int(DriveWarning.OVERLOAD),
+    int(DriveWarning.RESISTOR),
+)
 NO_REACTION, BD2, BD1, AD = map(int, Reaction)
 DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
 STATUS_READY_FOR_POWER, STATUS_READY_TO_ENABLE = int(Status.READY_FOR_POWER), int(Status.READY_TO_ENABLE)
@@ -106,16 +110,27 @@ def extrapolate_telegram(s, c):
 
 
 @kernel
+def _link_fault(s, c):
+    """Return the fault of the DC link found in this cycle; while it is precharged, its voltage is not monitored."""
+    if s.state == FAULT or s.link_ready == 0:
+        return NO_FAULT
+    if s.dc_link < c.dc_link_min:
+        return UNDER_VOLTAGE
+    if s.dc_link > c.dc_link_max:
+        return OVER_VOLTAGE
+    return NO_FAULT
+
+
+@kernel
 def detect_fault(s, c):
     """Return the fault found in this cycle; the strongest reaction takes precedence."""
     if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
         return ENCODER
     if s.blocked != 0:
         return OVER_CURRENT
-    if s.state != FAULT and s.dc_link < c.dc_link_min:
-        return UNDER_VOLTAGE
-    if s.state != FAULT and s.dc_link > c.dc_link_max:
-        return OVER_VOLTAGE
+    of_link = _link_fault(s, c)
+    if of_link != NO_FAULT:
+        return of_link
     if s.silent != 0:
         return MASTER_SILENT
     if too_many(s):
@@ -135,6 +150,8 @@ def detect_fault(s, c):
             return FOLLOWING_ERROR
         if s.overload > c.overload_time:
             return OVERLOAD
+        if s.resistor_load > 1.0:
+            return RESISTOR
     return NO_FAULT
 
 
@@ -219,6 +236,8 @@ def _measure(s, c):
         s.warning |= WARN_FOLLOWING
     if s.overload > OVERLOAD_WARNING * c.overload_time:
         s.warning |= WARN_OVERLOAD
+    if s.resistor_load > OVERLOAD_WARNING:
+        s.warning |= WARN_RESISTOR
 
 
 @kernel
@@ -264,7 +283,7 @@ def _follow_control(s, c):
         if abs(s.command - s.sampled_position) > c.command_step_max:
             s.fault = COMMAND_STEP
             react(BD2, s)
-    elif s.state == READY and on and enable and run and s.fault == NO_FAULT:
+    elif s.state == READY and on and enable and run and s.fault == NO_FAULT and s.link_ready != 0:
         s.reaction = NO_REACTION
         if abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
             _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would jump back
@@ -308,7 +327,9 @@ def _status_word(s):
     if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
         status = STATUS_IN_TORQUE
     elif s.state in (READY, ENABLING):
-        status = STATUS_READY_TO_ENABLE if s.control & DRIVE_ON else STATUS_READY_FOR_POWER
+        status = STATUS_READY_FOR_POWER
+        if s.control & DRIVE_ON and s.link_ready != 0:
+            status = STATUS_READY_TO_ENABLE
     if s.state == ENABLED or (s.state == STOPPING and s.along != 0):
         status |= STATUS_FOLLOWS
     if s.fault != NO_FAULT:
@@ -324,6 +345,8 @@ def clear_fault(s, c):
     if s.fault == NO_FAULT:
         return True
     if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
+        return False
+    if s.resistor_load > OVERLOAD_WARNING:
         return False
     if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
         return False

@@ -9,12 +9,12 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 
 
 def apply_to_drive(
-    state: Any, axis: str, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault], dc_link_v: float
+    state: Any, axis: str, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault]
 ) -> None:
     """Update the state of a drive after faults have begun (True) or ended (False).
 
-    ``active`` are the current faults, ``dc_link_v`` is the nominal voltage of the DC link [V]. If several of one kind
-    are active, jumps, drifts and noises add up, and the latest voltage applies.
+    ``active`` are the current faults. If several of one kind are active, jumps, drifts and noises add up, and the
+    latest voltage applies instead of that of the supply.
     """
     for fault, begins in changes:
         if fault.kind == 'clear':
@@ -26,7 +26,9 @@ def apply_to_drive(
     state['encoder_drift'] = sum(values('encoder_drift'))
     state['encoder_noise'] = sum(values('encoder_noise'))
     state['winding_short'] = len(values('winding_short')) > 0
-    state['dc_link'] = [dc_link_v, *values('dc_link')][-1]
+    forced = values('dc_link')
+    state['link_forced'] = len(forced) > 0
+    state['dc_link'] = forced[-1] if forced else state['link_voltage']
 
 
 def apply_to_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault]) -> None:
@@ -34,6 +36,13 @@ def apply_to_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Se
     if any(fault.kind == 'payload_lost' for fault, _ in changes):
         state['payload_lost'] = 1
     apply_to_motors(state, active, DRIVES)
+
+
+def apply_to_link(state: Any, active: Sequence[Fault]) -> None:
+    """Update the DC link likewise; the lowest share of the mains voltage applies."""
+    shares = [fault.value for fault in active if fault.kind == 'supply_dip']
+    state['mains_share'] = min(shares, default=1.0)
+    state['resistor_broken'] = any(fault.kind == 'resistor_open' for fault in active)
 
 
 def apply_to_motors(state: Any, active: Sequence[Fault], axes: Sequence[str]) -> None:

@@ -94,6 +94,8 @@ KINDS = {
     'clear': Kind(_ROBOT, 'end of all injected faults', once=True, injected_by=EVERYBODY),
     # last, so that the numbers of the others in messages do not change
     'deaf': Kind(_NODE, 'process that works, but no longer receives anything', once=True),
+    'supply_dip': Kind(_ROBOT, 'mains at a share of their voltage', 'share', 0.0, 1.3, **_OF_PLANT),
+    'resistor_open': Kind(_ROBOT, 'brake resistor without contact', **_OF_PLANT),
 }
 NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
@@ -102,6 +104,7 @@ DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
 # a telegram later than its cycle counts as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})
+SUPPLY_FAULTS = frozenset({'supply_dip', 'resistor_open'})
 _PLACES = ('', *NODES, *ROTARY_DRIVES)  # numbered in messages
 
 
@@ -217,8 +220,8 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     )
 
 
-def require_axes(faults: Sequence[Fault], axes: Sequence[str]) -> None:
-    """Reject faults of an axis that is not among the ``axes`` of the robot.
+def require_targets(faults: Sequence[Fault], axes: Sequence[str], supplied: bool) -> None:
+    """Reject faults of an axis that is not among the ``axes`` of the robot, or of a supply without a model.
 
     Raises
     ------
@@ -228,6 +231,10 @@ def require_axes(faults: Sequence[Fault], axes: Sequence[str]) -> None:
     """
     for fault in faults:
         require_axis(fault.target, axes, ProgramError, f'{fault.text}: ')
+        if fault.kind in SUPPLY_FAULTS and not supplied:
+            raise ProgramError(
+                f'{fault.text}: the voltage of the DC link is constant (supply.enabled is false)'
+            )
 
 
 def applies_to(fault: Fault, node: str) -> bool:

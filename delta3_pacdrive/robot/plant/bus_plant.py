@@ -41,6 +41,9 @@ class PlantPort(Protocol):
     def send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         """Send the true shafts at the start of an exchange period."""
 
+    def send_link(self, cycle: int, values: Sequence[float]) -> None:
+        """Send the state of a DC link with a model at the start of a bus cycle."""
+
     def report_rest(self, sentence: str) -> None:
         """Report that the machine is at rest."""
 
@@ -65,7 +68,7 @@ class BusPlant:
         self._drives = Watchdog(poll_s)
         self._repeated = 0  # repeated currents, at the last poll
         self.slave = BusSlave()
-        self.clock = PlantClock(parameters, faults, self._send_shafts, around)
+        self.clock = PlantClock(parameters, faults, self._send_shafts, around, port.send_link)
 
     def _send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         self._port.send_shafts(exchange, shafts)

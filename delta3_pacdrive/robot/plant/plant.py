@@ -17,7 +17,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import difference, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.motor import motor
+from delta3_pacdrive.robot.motor import drawn_energy, motor
 from delta3_pacdrive.robot.plant.arrays import PLANT, plant_constants
 from delta3_pacdrive.robot.plant.brake import advance_brakes, command_brakes
 from delta3_pacdrive.robot.plant.built_robot import BUILT, built_constants, built_coupling, settle, step_built
@@ -49,9 +49,12 @@ def advance(currents, brakes, payload_kg, plant, built):
     p = plant[0]
     s, c, shafts = p.state, p.constants, p.shafts
     command_brakes(brakes, s)
+    s.drawn = 0.0
     hang_payload(payload_kg, s, p.inertia)
     for k in range(currents.shape[0]):
         before, now = triple(s.current), (currents[k, 0], currents[k, 1], currents[k, 2])
+        if c.supplied != 0:
+            slower = triple(s.thetadot) if built is None else triple(built[0].state.rate)
         if built is None:
             advance_brakes(triple(s.thetadot), s, c)
             if c.decoupled != 0:
@@ -61,6 +64,11 @@ def advance(currents, brakes, payload_kg, plant, built):
         else:
             advance_brakes(triple(built[0].state.rate), s, c)
             step_built(before, now, p, built[0])
+        if c.supplied != 0:
+            faster = triple(s.thetadot) if built is None else triple(built[0].state.rate)
+            for i in range(3):
+                speed = 0.5 * c.gear_ratio * (slower[i] + faster[i])
+                s.drawn += drawn_energy(before[i], now[i], speed, c.step, p.motor)
         for i in range(3):
             s.current[i] = now[i]
     if built is None:
@@ -160,6 +168,11 @@ class Plant:
     def shafts(self) -> list[float]:
         """Return three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]; motor side."""
         return list(self._shafts.tolist())
+
+    @property
+    def drawn_j(self) -> float:
+        """Energy [J] that the motors drew from the DC link in the last exchange period."""
+        return float(self.state['drawn'][0])
 
     def arm_angles(self) -> Floats:
         """True arm angles [rad], including gear twist and referencing errors; shape (3,)."""

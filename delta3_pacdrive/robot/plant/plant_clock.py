@@ -11,8 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from delta3_pacdrive.parameters import ARMS, Parameters
-from delta3_pacdrive.robot.faults.effects import apply_to_motors, apply_to_plant
+from delta3_pacdrive.robot.faults.effects import apply_to_link, apply_to_motors, apply_to_plant
 from delta3_pacdrive.robot.faults.schedule import Schedule
+from delta3_pacdrive.robot.plant.dc_link import DcLink
 from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
 
@@ -49,6 +50,9 @@ class PlantClock:
     ----------
     publish
         Called with the number of an exchange and the true shafts at its start.
+    publish_link
+        Called before at the start of each bus cycle if the DC link has a model, with the cycle and the numbers of
+        ``telegrams.DC_LINK``.
 
     Attributes
     ----------
@@ -68,8 +72,10 @@ class PlantClock:
         faults: Schedule,
         publish: Callable[[int, Sequence[float]], None],
         around: Around | None = None,
+        publish_link: Callable[[int, Sequence[float]], None] | None = None,
     ) -> None:
         bus = parameters.bus
+        self._link, self._publish_link = DcLink(parameters), publish_link
         self._plant = Plant(parameters)
         self._axes = parameters.axes
         self._rotary = [RotaryPlant(parameters, number) for number in range(len(self._axes) - ARMS)]
@@ -114,7 +120,7 @@ class PlantClock:
         self._waits = True
         if self._around is not None:
             self._around.begin(-(-self.exchange // self._per_cycle))
-        self._publish(self.exchange, self.shafts())
+        self._send()
 
     def take(
         self, index: int, exchange: int, released: bool, payload: float, values: tuple[float, ...]
@@ -192,6 +198,7 @@ class PlantClock:
         if self.exchange >= self._faults.next_cycle * self._per_cycle:
             changes = self._faults.due(self.cycle)
             apply_to_plant(self._plant.state[0], changes, self._faults.active)
+            apply_to_link(self._link.state[0], self._faults.active)
             for rotary, name in zip(self._rotary, self._axes[ARMS:], strict=True):
                 apply_to_motors(rotary.state[0], self._faults.active, (name,))
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
@@ -213,5 +220,14 @@ class PlantClock:
         self._plant.advance(self._matrix, brakes[:ARMS], payload)
         for axis, released in zip(self._rotary, brakes[ARMS:], strict=True):
             axis.advance(self._matrix, released, float(self._plant.state['carried'][0]))
+        if self._link.enabled:
+            self._link.advance(sum((axis.drawn_j for axis in self._rotary), self._plant.drawn_j))
         self.exchange += 1
+        self._send()
+
+    def _send(self) -> None:
+        """Publish the state at the start of the present exchange period."""
+        if self._link.enabled and self._publish_link is not None and not self.exchange % self._per_cycle:
+            self._publish_link(self.cycle, (*self._link.values(), *self._link.powers_w()))
+            self._link.begin_cycle()
         self._publish(self.exchange, self.shafts())

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, AXES_MAX, Parameters, rotary_axis_parameters
-from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
+from delta3_pacdrive.robot.motor import MOTOR, drawn_energy, friction_torque, motor
 from delta3_pacdrive.robot.plant.brake import advance_brake, caught_speed
 from delta3_pacdrive.robot.plant.built_robot import STEP_ANGLE, STEP_DECAY, gear_torque
 
@@ -47,6 +47,7 @@ STATE = np.dtype(
         ('turning_acceleration', 'f8'),  # [rad/s^2], tool, of the last step
         ('current', 'f8'),  # [A rms], at the end of the last step
         ('coupling', 'f8'),  # d [N m]: motor torque beyond the inertia known to the drive
+        ('drawn', 'f8'),  # [J], from the DC link in the last exchange period
         ('inertia', 'f8'),  # J [kg m^2] of bar, tool and payload about z
         # brake, as in ``arrays.STATE``
         ('brake_command', 'i8', (1,)),
@@ -204,10 +205,13 @@ def advance_rotary(currents, i, brake, payload_kg, rotary, number):
     p = rotary[number]
     s, c = p.state, p.constants
     s.brake_command[0] = brake
+    s.drawn = 0.0
     s.inertia = c.tool_inertia + c.part_inertia * payload_kg
     for k in range(currents.shape[0]):
         advance_brake(0, s.rate, s, c)
+        slower = s.rate
         _step(s.current, currents[k, i], p)
+        s.drawn += drawn_energy(s.current, currents[k, i], 0.5 * (slower + s.rate), c.step, p.motor)
         s.current = currents[k, i]
     s.coupling = _coupling(p)
     p.shaft[0], p.shaft[1], p.shaft[2] = s.shaft, s.rate, s.coupling
@@ -245,6 +249,11 @@ class RotaryPlant:
         """Motor shaft: position [rad], speed [rad/s], coupling torque d [N m]."""
         position, speed, coupling = self.record['shaft'][0].tolist()
         return position, speed, coupling
+
+    @property
+    def drawn_j(self) -> float:
+        """Energy [J] that the motor drew from the DC link in the last exchange period."""
+        return float(self.state['drawn'][0])
 
     @property
     def angle_rad(self) -> float:

@@ -75,6 +75,8 @@ MDT, TORQUE_MDT = mdt(torques=False), mdt(torques=True)
 AT, ROTARY_AT = (tuple(at(axis) for axis in drives) for drives in (DRIVES, ROTARY_DRIVES))
 INPUTS_TOPIC, BELTS_TOPIC = 'sercos/at/io', 'sercos/at/belts'
 SHAFTS = shafts()
+# voltage [V], readiness and resistor load at the start of a bus cycle; powers [W] of the mains and of the resistor
+DC_LINK = Telegram('plant/dc_link', JOINT_STATE, ('dc_link',), (3, 0, 2), len(NO_SESSION))
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
 # joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
 JOINTS = (

@@ -1,7 +1,8 @@
 """Cyclic telegrams of one drive.
 
-In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
-``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
+In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts), with ``supply.enabled`` ``plant/dc_link``. Out:
+``sercos/at/axisN`` (encoder, status), ``axisN/motor_current`` (I_eff of every current-loop period),
+``axisN/phase_current`` (I1s, I2s, I3s, on request).
 """
 
 from sensor_msgs.msg import JointState
@@ -16,7 +17,7 @@ from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Status
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import cdr
-from delta3_pacdrive.ros.wire.interfaces import AT, MDT, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE_CURRENT
+from delta3_pacdrive.ros.wire.interfaces import AT, DC_LINK, MDT, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE_CURRENT
 from delta3_pacdrive.ros.wire.publishers import Output
 
 ACYCLIC = (ACYCLIC_SEC, 0)
@@ -44,6 +45,7 @@ class DriveTelegrams:
         self._at = cdr.codec(telegrams.at(self._axis))
         self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
         self._shaft = cdr.codec(telegrams.shafts(drives))
+        self._supplied, self._link = parameters.supply.enabled, cdr.codec(telegrams.DC_LINK)
         self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))  # takes an encoded AT
         self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(node, self._axis))
         self._phases = Output(node, PHASE_CURRENT, self._axis)
@@ -53,6 +55,8 @@ class DriveTelegrams:
         self._bus_drive = bus_drive
         MDT.subscription(self._node, self._on_mdt, raw=True)
         MOTOR_SHAFTS.subscription(self._node, self._on_shafts, raw=True)
+        if self._supplied:
+            DC_LINK.subscription(self._node, self._on_dc_link, raw=True)
 
     def refuse(self, reason: str) -> None:
         """Count and log a rejected telegram."""
@@ -118,6 +122,21 @@ class DriveTelegrams:
             bus_drive.set_rest_position(values[i])
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))
+
+    def _on_dc_link(self, data: bytes) -> None:
+        bus_drive = self._bus_drive
+        session = bus_drive.slave.session
+        if session == NO_SESSION:
+            return
+        try:
+            sec, nanosec, frame, values = self._link.decode(data)
+            telegrams.require_session(frame, session, 'the state of the DC link')
+            cycle = self._cycles.count(sec, nanosec)
+        except TelegramError as error:
+            self.refuse(f'{self._axis}: {error}')
+            return
+        if cycle >= 0:
+            bus_drive.clock.take_supply(cycle, values[:3])
 
     # transmission -----------------------------------------------------------------------------------------------------
 

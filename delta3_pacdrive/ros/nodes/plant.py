@@ -1,7 +1,8 @@
 """Node of the plant: motors, brakes, gears, the coupled arms, and up to two rotary axes.
 
 In: ``axisN/motor_current`` of the drives (currents of a period, brake output), ``sercos/phase``. Out:
-``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. Timing:
+``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period, and with
+``supply.enabled`` ``plant/dc_link``, one per bus cycle. Timing:
 ``robot.plant.plant_clock``; bus participation: ``robot.plant.bus_plant``; the cell around the robot: ``plant_cell``.
 """
 
@@ -27,7 +28,7 @@ from delta3_pacdrive.ros.plant_cell import InputRequests, PlantCell
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.announcements import Participant
-from delta3_pacdrive.ros.wire.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
+from delta3_pacdrive.ros.wire.interfaces import DC_LINK, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
 
 KIND = 'plant'
 GREETING_S = 0.02
@@ -73,6 +74,9 @@ class PlantNode(RobotNode):
         ]
         self._shafts = cdr.codec(telegrams.shafts(self._drives))
         self._publish = cdr.raw_publish(MOTOR_SHAFTS.publisher(self))
+        if parameters.supply.enabled:
+            self._cycles, self._link = Clock(parameters.bus.cycle_time_s), cdr.codec(telegrams.DC_LINK)
+            self._publish_link = cdr.raw_publish(DC_LINK.publisher(self))
         for index, axis in enumerate(self._drives):
             MOTOR_CURRENT.subscription(self, self._on_current(index), axis, raw=True)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
@@ -137,6 +141,10 @@ class PlantNode(RobotNode):
     def send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         """Send the true shafts at the start of an exchange period."""
         self._publish(self._shafts.encode(self._exchanges.stamp(exchange), self._frame, shafts))
+
+    def send_link(self, cycle: int, values: Sequence[float]) -> None:
+        """Send the state of the DC link at the start of a bus cycle."""
+        self._publish_link(self._link.encode(self._cycles.stamp(cycle), self._frame, values))
 
     def report_rest(self, sentence: str) -> None:
         """Log that the machine is at rest."""

@@ -201,7 +201,7 @@ class TransformationTaskNode(PollingNode):
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         offer_service_requests(self, controller.services)
-        self._injection = FaultInjection(self, controller, cycle_time_s)
+        self._injection = FaultInjection(self, controller, parameters)
         self._planner = PlannerLink(self, controller, self.run_actions)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
         self._operators = OperatorServices(

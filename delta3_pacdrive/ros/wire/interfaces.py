@@ -306,6 +306,14 @@ MOTOR_SHAFTS = Topic(
     'true shaft positions [rad], speeds [rad/s], and as efforts the coupling torques d [N m] (4.31)',
     EXCHANGE, 'hhhh', (telegrams.SHAFTS,), one_writer=True, recorded=True,
 )
+DC_LINK = Topic(
+    telegrams.DC_LINK.topic, JointState, CYCLIC, (PLANT,), (DRIVE,),
+    'the DC link of all drives at the start of a bus cycle: voltage [V], whether it is precharged, and heat of the '
+    'brake resistor relative to its continuous power, as positions; as efforts the mean powers from the mains and in '
+    'the resistor in the cycle before [W]',
+    'every cycle, if the parameter `supply.enabled` is true', 'hhhh', (telegrams.DC_LINK,), one_writer=True,
+    recorded=True,
+)
 INPUTS = Topic(
     telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
     'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; outputs in the MDT of a '

@@ -18,6 +18,7 @@ from delta3_pacdrive.studies.report_page.surroundings import first_cycle, shown_
 from delta3_pacdrive.studies.runs.alignment import BY_CORRELATION
 from delta3_pacdrive.studies.runs.run_comparison import Comparison, driven_currents, move_figures
 from delta3_pacdrive.studies.runs.run_signals import energy_of_round
+from delta3_pacdrive.studies.runs.run_supply import supply_of_run
 from delta3_pacdrive.studies.runs.runs import Run, named
 
 NOTHING = '&ndash;'
@@ -212,6 +213,8 @@ def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
         if found is not None:
             whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''
             lines.append(f'<p>Energy{whose}: {escape(found.text(repeat))}.</p>')
+            if (supply := supply_of_run(run.whole, run.robot)) is not None:
+                lines += [f'<p>{row.capitalize()}{whose}: {escape(text)}.</p>' for row, text in supply.rows()]
     return ''.join(lines)
 
 

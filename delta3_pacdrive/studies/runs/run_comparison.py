@@ -14,7 +14,13 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    SIGNALS,
+    SUPPLY_SIGNALS,
+    TORQUE_SIGNALS,
+    TRUE_SIGNALS,
+)
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.framework.columns import to_dict
 from delta3_pacdrive.studies.runs.alignment import START, Alignment, align
@@ -29,7 +35,7 @@ SAME = 0.95  # correlation of the same signal
 CLEARLY = 0.1  # advantage in correlation at which axes count as exchanged
 OTHER_SCALE = 1.1  # ratio of two signals that is reported
 NEAR = 0.01  # relative distance to a ratio with a known cause
-QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
+QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS
 
 
 @dataclass(frozen=True)

@@ -435,6 +435,7 @@ def test_diagnostics_give_the_fault_by_bit_and_number(fault, drive):
         'UNDER_VOLTAGE': (0x0200, 8909),
         'OVER_VOLTAGE': (0x0100, 8910),
         'BRAKE': (0x8000, 8911),
+        'RESISTOR': (0x8000, 8912),
         'OVERSPEED': (0x8000, 8901),
         'COMMAND_STEP': (0x8000, 8903),
         'COMMAND_NOT_FINITE': (0x8000, 8904),
@@ -459,6 +460,7 @@ def test_warnings_are_class_2_diagnostics_and_follow_faults(drive):
     class_2, number = parse_idn('S-0-0012'), parse_idn('S-0-0390')
     for warning, word, message in [
         (DriveWarning.OVERLOAD, 1, 8908),
+        (DriveWarning.RESISTOR, 1 << 15, 8913),
         (DriveWarning.FOLLOWING_ERROR, 1 << 15, 8132),
         (DriveWarning.OVERLOAD | DriveWarning.FOLLOWING_ERROR, 1 << 15 | 1, 8132),
     ]:

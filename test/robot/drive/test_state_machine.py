@@ -164,6 +164,7 @@ DIAGNOSTICS = {
     'UNDER_VOLTAGE': (8909, 9, 'AD'),
     'OVER_VOLTAGE': (8910, 8, 'AD'),
     'BRAKE': (8911, 15, 'AD'),
+    'RESISTOR': (8912, 15, 'BD2'),
 }
 
 
@@ -183,6 +184,7 @@ def test_every_warning_has_its_number_and_bit():
     assert {warning.name: row.number for warning, row in WARNINGS.items()} == {
         'FOLLOWING_ERROR': 8132,
         'OVERLOAD': 8908,
+        'RESISTOR': 8913,
     }
     assert {(row.class_, row.reaction.name) for row in WARNINGS.values()} == {(2, 'NONE')}
     both = DriveWarning.FOLLOWING_ERROR | DriveWarning.OVERLOAD
@@ -192,7 +194,7 @@ def test_every_warning_has_its_number_and_bit():
 
 def test_no_two_diagnostics_share_a_number_or_a_text():
     rows = [*FAULTS.values(), *WARNINGS.values()]
-    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 15
+    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 17
 
 
 def test_the_stronger_reaction_is_the_larger():

@@ -12,6 +12,7 @@ from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.faults import effects
 from delta3_pacdrive.robot.faults.fault import KINDS, NAMES, parse
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.robot.plant.dc_link import DcLink
 from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from injected_faults import LINE, example, run
@@ -21,22 +22,22 @@ class Machine:
     """Drive of axis 2 and plant, to which faults happen."""
 
     def __init__(self, robot):
-        self.drive, self.plant = MC4(robot), Plant(robot)
+        self.drive, self.plant, self.link = MC4(robot), Plant(robot), DcLink(robot)
         self.schedule = Schedule()
-        self.nominal = self.drive.state.copy(), self.plant.state.copy()
-        self.dc_link = robot.drive.dc_link_voltage_v
+        self.nominal = self.drive.state.copy(), self.plant.state.copy(), self.link.state.copy()
 
     def add(self, document):
         self.schedule.add(Scheduled.of(parse(document, 'fault'), 0, 1e-3))
 
     def go_to(self, cycle):
         changes, active = self.schedule.due(cycle), self.schedule.active
-        effects.apply_to_drive(self.drive.state[0], 'axis2', changes, active, self.dc_link)
+        effects.apply_to_drive(self.drive.state[0], 'axis2', changes, active)
         effects.apply_to_plant(self.plant.state[0], changes, active)
+        effects.apply_to_link(self.link.state[0], active)
 
     @property
     def is_as_new(self):
-        return self.drive.state == self.nominal[0] and self.plant.state == self.nominal[1]
+        return (self.drive.state, self.plant.state, self.link.state) == self.nominal
 
     def of_plant(self, name):
         return self.plant.state[name][0].tolist()

@@ -33,7 +33,7 @@ def test_every_kind_applies_to_a_participant(kind):
     if KINDS[kind].target == Target.AXIS:
         assert not applies_to(fault, 'axis1')
     own = [node for node in fault_table.NODES if applies_to(fault, node)]
-    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost'):
+    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost', *fault_table.SUPPLY_FAULTS):
         assert own == ['plant']  # brakes, loads and what is gripped are the machine's
     elif kind in fault_table.AT_FAULTS or kind == 'emergency_stop':
         assert own == ['transformation_task']

@@ -51,6 +51,9 @@ class Rig:
     def send_shafts(self, exchange: int, _: Sequence[float]) -> None:
         self.shafts.append(exchange)
 
+    def send_link(self, cycle: int, _: Sequence[float]) -> None:
+        raise AssertionError(f'the DC link has no model, but is sent in bus cycle {cycle}')
+
     def report_rest(self, sentence: str) -> None:
         self.rests.append(sentence)
 

@@ -1,0 +1,102 @@
+"""Load of the supply by a motion: power from the mains, voltage of the DC link, and brake resistor.
+
+The powers of a plan are integrated by the DC link of the plant, so that plan and run follow the same equations.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.plant.dc_link import DcLink
+
+
+@dataclass(frozen=True)
+class SupplyLoad:
+    """Load of the supply; peaks are means of a bus cycle in a run, of an exchange period in a plan."""
+
+    power_peak_w: float  # from the mains
+    power_mean_w: float
+    voltage_min_v: float  # of the DC link
+    voltage_max_v: float
+    brake_peak_w: float  # largest power returned by the drives
+    resistor_peak_w: float
+    resistor_mean_w: float
+    resistor_max_ohm: (
+        float | None
+    )  # recommended resistance: takes the largest braking power; None if none is needed
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the figures as rows of text."""
+        mains = (
+            f'{self.power_peak_w:.0f} W peak, {self.power_mean_w:.1f} W mean; DC link {self.voltage_min_v:.0f} to '
+            f'{self.voltage_max_v:.0f} V'
+        )
+        if self.resistor_max_ohm is None:
+            resistor = f'not used: the capacitors take the braking power of {self.brake_peak_w:.0f} W'
+        else:
+            resistor = (
+                f'{self.resistor_peak_w:.0f} W peak, {self.resistor_mean_w:.1f} W mean; recommended: at most '
+                f'{self.resistor_max_ohm:.3g} ohm for {self.brake_peak_w:.0f} W braking power, continuously '
+                f'{self.resistor_mean_w:.3g} W or more'
+            )
+        return [('mains', mains), ('resistor', resistor)]
+
+
+def supply_load(
+    mains_w: Floats, voltage_v: Floats, resistor_w: Floats, drives_w: Floats, parameters: Parameters
+) -> SupplyLoad:
+    """Return the load of the supply for powers in equal periods.
+
+    Parameters
+    ----------
+    mains_w, resistor_w, drives_w
+        Mean powers from the mains, in the brake resistor and of all drives, shape (n,).
+    voltage_v
+        Voltages of the DC link at the begin of the periods, shape (n,).
+    parameters
+        The parameters of a robot.
+
+    """
+    brake_peak_w = max(0.0, float(-drives_w.min()))
+    works = bool(resistor_w.max() > 0.0)
+    return SupplyLoad(
+        power_peak_w=float(mains_w.max()),
+        power_mean_w=float(mains_w.mean()),
+        voltage_min_v=float(voltage_v.min()),
+        voltage_max_v=float(voltage_v.max()),
+        brake_peak_w=brake_peak_w,
+        resistor_peak_w=float(resistor_w.max()),
+        resistor_mean_w=float(resistor_w.mean()),
+        resistor_max_ohm=parameters.supply.resistor_on_v**2 / brake_peak_w if works else None,
+    )
+
+
+def load_of_powers(time_s: Floats, power_w: Floats, parameters: Parameters) -> SupplyLoad | None:
+    """Return the load of the supply by a plan; None for a motion shorter than an exchange period.
+
+    Parameters
+    ----------
+    time_s, power_w
+        Ascending times [s] and powers of all drives [W], shape (n,).
+    parameters
+        Parameters of a robot whose supply is enabled.
+
+    """
+    period_s = parameters.bus.exchange_period_s
+    count = int((time_s[-1] - time_s[0]) / period_s)
+    if count < 1:
+        return None
+    drawn_j = np.concatenate([[0.0], np.cumsum(0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s))])
+    energies = np.diff(np.interp(time_s[0] + period_s * np.arange(count + 1), time_s, drawn_j))
+    link = DcLink(parameters)
+    found = np.empty((3, count))
+    for n, energy in enumerate(energies.tolist()):
+        volts, _, _ = link.values()
+        link.begin_cycle()
+        link.advance(energy)
+        state = link.state[0]
+        found[:, n] = state['cycle_mains'], volts, state['cycle_resistor']
+    mains_j, voltage_v, resistor_j = found
+    return supply_load(mains_j / period_s, voltage_v, resistor_j / period_s, energies / period_s, parameters)

@@ -1,0 +1,166 @@
+"""Power from the mains, voltage of the DC link, brake resistor and energy balance of a run.
+
+The balance covers the time from the start of the program to the end of the recording:
+
+    drawn = copper + friction + resistor + electronics + motion + stored + rest
+
+``motion`` is the kinetic and potential energy of robot and payload and the magnetic energy of the windings, ``stored``
+the energy of the capacitors. The rest is what this evaluation of the signals does not explain: holding brakes, end
+stops, and losses beyond the friction of the parameters, as in the gears of a built robot.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delta3_pacdrive.dynamics import gravity, mass_matrix
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import ARMS, Motor, Parameters, numbered, rotary_axis_parameters
+from delta3_pacdrive.planning.limits.energy import PHASES
+from delta3_pacdrive.planning.limits.supply import SupplyLoad, supply_load
+from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.runs.run_signals import cycles_of
+
+NEEDED = (*SUPPLY_SIGNALS, 'shaft_speed', 'shaft_position', 'current', 'current_rms')
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """Energies [J] as in the balance above."""
+
+    drawn_j: float
+    copper_j: float
+    friction_j: float
+    resistor_j: float
+    electronics_j: float
+    motion_j: float
+    stored_j: float
+    rest_j: float
+
+    @property
+    def text(self) -> str:
+        """The balance as a sentence."""
+        return (
+            f'{self.drawn_j:.4g} J drawn: {self.copper_j:.4g} in windings, {self.friction_j:.4g} in friction, '
+            f'{self.resistor_j:.4g} in the brake resistor, {self.electronics_j:.4g} in electronics, '
+            f'{self.motion_j + self.stored_j:.3g} stored; {100.0 * self.rest_j / max(self.drawn_j, 1e-9):.2g} % '
+            'unexplained'
+        )
+
+
+@dataclass(frozen=True)
+class SupplyFigures:
+    """Load of the supply and energy balance of a run."""
+
+    load: SupplyLoad
+    balance: EnergyBalance
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the figures as rows of text."""
+        return [*self.load.rows(), ('balance', self.balance.text)]
+
+
+def supply_of_run(trace: Trace, parameters: Parameters) -> SupplyFigures | None:
+    """Return the figures of a simulated or recorded run; None without a model of the supply, or with gaps."""
+    start = trace.meta.get('start_cycle')
+    if any(name not in trace.signals for name in NEEDED) or start is None:
+        return None
+    cycles = cycles_of(trace)
+    first = int(np.searchsorted(cycles, start))
+    if first >= len(cycles) - 1 or cycles[-1] - cycles[first] != len(cycles) - 1 - first:
+        return None
+    part = Trace(trace.time_s[first:], {name: one[first:] for name, one in trace.signals.items()}, trace.meta)
+    return _figures(part, parameters)
+
+
+def _figures(part: Trace, parameters: Parameters) -> SupplyFigures:
+    """Return the figures of consecutive bus cycles: sums from the begin of the first to that of the last."""
+    supply, drives, period_s = parameters.supply, len(parameters.axes), parameters.bus.cycle_time_s
+    # powers are means of the cycle before
+    voltage, mains, resistor = (
+        part['dc_link_voltage'][:, 0],
+        part['mains_power'][1:, 0],
+        part['resistor_power'][1:, 0],
+    )
+    copper_j, friction_j, motion_j = np.sum(
+        [_of_arms(part, parameters), *(_of_rotary(part, parameters, n) for n in range(drives - ARMS))], axis=0
+    ).tolist()
+    electronics_w = supply.consumption_w * drives
+    stored_j = 0.5 * supply.capacitance_f * drives * voltage**2
+    drives_w = mains - resistor - electronics_w - np.diff(stored_j) / period_s
+    drawn_j, resistor_j = (float(power.sum() * period_s) for power in (mains, resistor))
+    electronics_j, charged_j = electronics_w * period_s * len(drives_w), float(stored_j[-1] - stored_j[0])
+    balance = EnergyBalance(
+        drawn_j=drawn_j,
+        copper_j=copper_j,
+        friction_j=friction_j,
+        resistor_j=resistor_j,
+        electronics_j=electronics_j,
+        motion_j=motion_j,
+        stored_j=charged_j,
+        rest_j=drawn_j - copper_j - friction_j - resistor_j - electronics_j - motion_j - charged_j,
+    )
+    return SupplyFigures(supply_load(mains, voltage, resistor, drives_w, parameters), balance)
+
+
+def _of_arms(part: Trace, parameters: Parameters) -> tuple[float, float, float]:
+    """Return copper loss, friction and energy of the motion [J] of the arms."""
+    motor, ratio, period_s = parameters.motor, parameters.dynamics.gear_ratio, parameters.bus.cycle_time_s
+    speed, current = part['shaft_speed'], part['current']
+    copper_w = PHASES * motor.winding_resistance_ohm / 2.0 * part['current_rms'][:-1] ** 2
+    ends, rates = part['shaft_position'][[0, -1]] / ratio, speed[[0, -1]] / ratio
+    masses = mass_matrix(ends, parameters)
+    kinetic = 0.5 * np.einsum('ki,kij,kj->k', rates, masses, rates)
+    stored = kinetic[1] - kinetic[0] + _winding_j(current[-1], motor) - _winding_j(current[0], motor)
+    return (
+        float(copper_w.sum() * period_s),
+        _friction_j(speed, part.time_s, motor),
+        float(stored + _lifting_j(part, parameters)),
+    )
+
+
+def _winding_j(current: Floats, motor: Motor) -> float:
+    """Return the magnetic energy [J] of windings with currents [A rms]."""
+    return float(PHASES * motor.winding_inductance_h / 4.0 * np.sum(current**2))
+
+
+def _friction_j(speed: Floats, time_s: Floats, motor: Motor) -> float:
+    """Return the friction loss [J] of shafts with speeds [rad/s] at the begins of bus cycles, shape (cycles, n)."""
+    friction = motor.static_friction_n_m * np.tanh(speed / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * speed
+    return float(np.trapezoid((friction * speed).sum(axis=1), time_s))
+
+
+def _lifting_j(part: Trace, parameters: Parameters) -> float:
+    """Return the work [J] against gravity: the integral of G over the arm angles, with the payloads of the program."""
+    angles = part['shaft_position'] / parameters.dynamics.gear_ratio
+    payloads = np.full(len(angles), parameters.dynamics.payload_mass_kg)
+    start_s = part.time_s[0]
+    for change in part.meta.get('outputs', ()):
+        if change['payload_kg'] is not None:
+            payloads[part.time_s - start_s >= change['time_s']] = change['payload_kg']
+    work = 0.0
+    for payload in np.unique(payloads):
+        torque = gravity(angles, parameters.replace(dynamics__payload_mass_kg=float(payload)))
+        steps = (0.5 * (torque[1:] + torque[:-1]) * np.diff(angles, axis=0)).sum(axis=1)
+        work += float(steps[payloads[:-1] == payload].sum())
+    return work
+
+
+def _of_rotary(part: Trace, parameters: Parameters, number: int) -> tuple[float, float, float]:
+    """Return copper loss, friction and energy of the motion [J] of a rotary axis; 0 if it is not recorded."""
+    names = [numbered(name, number) for name in ('turn_speed', 'turn_current')]
+    if any(name not in part.signals for name in names):
+        return 0.0, 0.0, 0.0
+    own = rotary_axis_parameters(parameters, number)
+    speed, current = part[names[0]] * own.dynamics.gear_ratio, part[names[1]]
+    copper_w = PHASES * own.motor.winding_resistance_ohm / 2.0 * current[:, 0] ** 2
+    inertia = own.drive.feedforward_inertia_kg_m2
+    kinetic = 0.5 * inertia * (speed[-1, 0] ** 2 - speed[0, 0] ** 2)
+    magnetic = _winding_j(current[-1], own.motor) - _winding_j(current[0], own.motor)
+    return (
+        float(np.trapezoid(copper_w, part.time_s)),
+        _friction_j(speed, part.time_s, own.motor),
+        float(kinetic + magnetic),
+    )
