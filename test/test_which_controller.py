@@ -50,6 +50,8 @@ def test_controller_is_described_in_words(robot):
     assert robot.controller == THESIS
     assert parameters.load('model').controller == MODEL
     assert parameters.load('rich+model+gears').controller == f'{MODEL}, gears that give'
+    assert parameters.load('model+sercos2').controller == f'{MODEL}, timing of a SERCOS II ring'
+    assert 'of the thesis' not in parameters.load('delta3+sercos2').controller
     assert (
         robot.replace(drive__interpolation='cubic').controller
         == 'torque of one inertia per axis, cubic set points'

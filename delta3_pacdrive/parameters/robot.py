@@ -121,7 +121,10 @@ class Parameters:
             words.append('gears that give')
         if self.control.shaping != UNSHAPED:
             words.append(f'shaped moves ({self.control.shaping})')
-        of_thesis = self.control == Control() and self.drive.interpolation == LINEAR
+        later = self.bus.timing == SERCOS_2
+        if later:
+            words.append('timing of a SERCOS II ring')
+        of_thesis = self.control == Control() and self.drive.interpolation == LINEAR and not later
         return f'{", ".join(words)}{" (of the thesis)" * of_thesis}'
 
     @property

@@ -52,7 +52,7 @@ from delta3_pacdrive.robot.faults.effects import (
     apply_to_motors,
     apply_to_plant,
 )
-from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
+from delta3_pacdrive.robot.faults.fault import AT_LOSSES, GARBLED, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.plant import true_tcp
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
@@ -358,8 +358,10 @@ class SimulatedOperation:
         note_supply(cycle, robot.record, self._signals)
         for _, axis, signals in self._rotary():
             note_turn_command(cycle, axis, robot.record, signals)
-        received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in self._names]
-        robot.cycle(motors, control, payload, received, torques)
+        lost = [self._schedule.telegram(MDT_LOSSES, axis, cycle) for axis in self._names]
+        for drive, fault in zip(robot.drives, lost, strict=True):
+            drive.state['mst_losses'] += fault is not None and fault.kind not in GARBLED
+        robot.cycle(motors, control, payload, [fault is None for fault in lost], torques)
         note_currents(cycle, robot.record, self._signals)
 
     def _evaluate(self, cycle: int) -> None:

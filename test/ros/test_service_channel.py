@@ -129,10 +129,11 @@ def test_questions_to_the_same_drive_are_answered_in_their_order(cell: Cell) -> 
 
 
 def test_diagnostics_and_service_channel_of_a_drive_agree(cell: Cell) -> None:
-    cell.drives[0].drive.state['mdt_losses'] = 3
+    state = cell.drives[0].drive.state
+    state['mst_losses'], state['mdt_losses'] = 2, 3
     facts = {key.split()[0]: value for key, value in cell.drives[0].report.facts().items()}
-    assert (facts['S-0-0028'], facts['S-0-0029']) == (3, 3)
-    assert cell.operator.drive('axis1 read S-0-0028').endswith('MST error counter = 3')
+    assert (facts['S-0-0028'], facts['S-0-0029']) == (2, 3)
+    assert cell.operator.drive('axis1 read S-0-0028').endswith('MST error counter = 2')
     for idn in ('S-0-0011', 'S-0-0012', 'S-0-0134', 'S-0-0135'):
         assert cell.operator.drive(f'axis1 read {idn}').endswith(f' = 0x{facts[idn]}')
 

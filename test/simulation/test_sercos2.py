@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
+from delta3_pacdrive.simulation.cycle import SimulatedOperation
+from delta3_pacdrive.simulation.robot import Robot
 
 # of the motors; the TCP by forward kinematics follows from the positions
 FEEDBACK = ('motor_position', 'motor_speed', 'current', 'tcp_actual', 'shaft_position', *CURRENT_SIGNALS)
@@ -91,3 +95,18 @@ def test_the_built_robot_is_as_exact():
 def test_the_robot_must_be_in_position_after_the_longer_dead_time():
     thesis, later = parameters.load('delta3'), parameters.load('delta3+sercos2')
     assert later.shortest_wait_s == pytest.approx(thesis.shortest_wait_s + 1e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize(('kind', 'counted'), [('drop_mdt', (2, 2)), ('corrupt_mdt', (0, 2))])
+def test_a_garbled_mdt_still_synchronises(kind, counted):
+    """Each loss counter counts its own telegram: S-0-0028 the MST, S-0-0029 the MDT."""
+    robot = parameters.load()
+    faults = [{'fault': kind, 'axis': 'axis2', 'after_s': after_s} for after_s in (0.1, 0.2)]
+    program = programs.parse({'moves': LINE, 'faults': faults}, robot.motion)
+    machine, task = Robot(robot), Transformation(robot)
+    task.load(program_planner.plan(program, task.locate(machine.encoder_positions()), robot).plan)
+    task.enable(robot.motion.enable_cycle)
+    task.start(robot.motion.start_cycle)
+    SimulatedOperation(machine, task, program.faults, robot).run()
+    for drive, expected in zip(machine.drives, ((0, 0), counted, (0, 0)), strict=True):
+        assert (int(drive.state['mst_losses'][0]), int(drive.state['mdt_losses'][0])) == expected

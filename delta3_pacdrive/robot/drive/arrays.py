@@ -83,7 +83,8 @@ STATE = np.dtype(
         ('still_cycles', 'i8'),  # since the command changed
         ('halt_done', 'i8'),  # a halted drive is at rest and holds its position
         # telegrams
-        ('mdt_losses', 'i8'),  # S-0-0028 and S-0-0029
+        ('mst_losses', 'i8'),  # S-0-0028
+        ('mdt_losses', 'i8'),  # S-0-0029
         ('losses_in_a_row', 'i8'),
         ('losses_in_window', 'i8'),
         ('good_cycles', 'i8'),  # since the last loss, or since one was cleared

@@ -157,7 +157,8 @@ class BusDrive:
             return
         self._master.received(self._now_s())
         for arrived, what in self._link.arrivals(self._axis, cycle, command):
-            taken = self.clock.take_command(arrived, what)
+            garbled = what is None and self._link.garbles(self._axis, arrived)
+            taken = self.clock.take_command(arrived, what, garbled)
             if taken in (Taken.LATE, Taken.REPEATED) and self.clock.awaits_command:
                 self._port.repeat_current()  # the bus is waiting, but all participants are running
             elif taken is Taken.CONTRADICTED:

@@ -83,7 +83,8 @@ class DriveClock:
         self._parting = False
         self._parted = 0  # bus cycles since the start of a stop without master
         self._commands: dict[int, Command] = {}
-        self._lost: set[int] = set()  # cycles whose command was removed by an injected fault
+        # cycles whose command was removed by an injected fault, and whether it arrived garbled
+        self._lost: dict[int, bool] = {}
         self._newest = -1  # cycle of the latest command
         self._last_taken: tuple[int, Command | None] = -1, None
         self._shafts: dict[int, Shaft] = {}
@@ -126,10 +127,10 @@ class DriveClock:
         self._drive.leave_bus()
         self.service = ServiceSlave(self._callbacks.serve)
 
-    def take_command(self, cycle: int, command: Command | None) -> Taken:
-        """Store the command of a bus cycle, None for one removed by an injected fault."""
+    def take_command(self, cycle: int, command: Command | None, garbled: bool = False) -> Taken:
+        """Store the command of a bus cycle, None for one removed by an injected fault or ``garbled`` by it."""
         if command is None:
-            self._lost.add(cycle)
+            self._lost[cycle] = garbled
             self._advance()
             return Taken.IN_TIME
         taken = self._commands.get(cycle)
@@ -180,7 +181,8 @@ class DriveClock:
                     self.service.received(service)
                     status = drive.begin_cycle(position, control, *shaft, payload, torque)
                 elif cycle in self._lost or self._newest > cycle or self._parting:
-                    self._lost.discard(cycle)
+                    # a garbled telegram still synchronises
+                    drive.state['mst_losses'] += not self._lost.pop(cycle, False)
                     status = drive.extrapolate_cycle(*shaft)
                     self._parted += self._parting
                     if self._parted > self._parting_cycles:

@@ -358,9 +358,9 @@ _GROUPS = {
              'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a',
              'motor.peak_current_a', formula=_class_3),
         _row('S-0-0014', 'Interface status', BITS, PHASE, 'fault', formula=_interface_status),
-        # one message is MST and MDT: its stamp synchronises, its values command. A lost or garbled message, which has
-        # no valid stamp, counts as both: the two IDNs show one counter
-        _row('S-0-0028', 'MST error counter', ONE, 'mdt_losses'),
+        # one message is MST and MDT: its stamp synchronises, its values command. A lost message counts as both, a
+        # garbled one as a lost MDT
+        _row('S-0-0028', 'MST error counter', ONE, 'mst_losses'),
         _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
         _row('S-0-0134', 'Drive control', BITS, 'control'),
         _row('S-0-0135', 'Drive status', BITS, 'status'),

@@ -101,6 +101,7 @@ NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
 AT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'at')
 DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
+GARBLED = frozenset({'corrupt_mdt', 'corrupt_at'})
 # a telegram later than its cycle counts as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})

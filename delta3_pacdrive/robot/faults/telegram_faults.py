@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
+from delta3_pacdrive.robot.faults.fault import GARBLED
 from delta3_pacdrive.robot.faults.schedule import Schedule
 
 Content = TypeVar('Content')
@@ -31,6 +32,11 @@ class FaultyLink(Generic[Content]):
         """Discard delayed telegrams."""
         self._held_back.clear()
 
+    def garbles(self, axis: str, cycle: int) -> bool:
+        """Whether the telegram of a cycle arrives, but is garbled."""
+        fault = self._faults.telegram(self._kinds, axis, cycle)
+        return fault is not None and fault.kind in GARBLED
+
     def arrivals(self, axis: str, cycle: int, content: Content) -> Sequence[tuple[int, Content | None]]:
         """Return the telegrams that arrive when that of a cycle is due: cycles with contents, ``None`` if lost.
 
@@ -45,7 +51,7 @@ class FaultyLink(Generic[Content]):
         arrivals: list[tuple[int, Content | None]] = [(cycle, content if what in ('', 'duplicate') else None)]
         if what == 'duplicate':
             arrivals.append((cycle, content))
-        elif what == 'corrupt':
+        elif fault is not None and fault.kind in GARBLED:
             self._refuse(f'{axis}: the {telegram.upper()} of bus cycle {cycle} is garbled')
         late = [item for item in self._held_back if item[0] <= cycle and item[1] == axis]
         self._held_back = [item for item in self._held_back if item not in late]

@@ -60,7 +60,7 @@ def report(drive: MC4) -> dict[str, Any]:
         'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
         'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',
         'S-0-0012 class 2 diagnostic': f'{class_2_diagnostic(drive.warning):04x}',
-        'S-0-0028 MST losses': int(state['mdt_losses']),
+        'S-0-0028 MST losses': int(state['mst_losses']),
         'S-0-0029 MDT losses': int(state['mdt_losses']),
         'S-0-0134 control word': f'{int(state["control"]):04x}',
         'S-0-0135 status word': f'{int(state["status"]):04x}',

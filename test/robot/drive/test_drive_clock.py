@@ -43,6 +43,12 @@ class Rig:
             ),
         )
 
+    @property
+    def losses(self) -> tuple[int, int]:
+        """Lost MSTs and MDTs."""
+        state = self.drive.state[0]
+        return int(state['mst_losses']), int(state['mdt_losses'])
+
     def _stand(self) -> None:
         self.stood += 1
         self.clock.leave()
@@ -89,7 +95,7 @@ def test_a_command_is_lost_when_a_later_one_is_there_and_two_in_a_row_are_a_faul
     assert rig.answers[-1] == 4
     rig.clock.take_command(6, COMMAND)
     assert rig.answers[-1] == 5
-    assert int(rig.drive.state['mdt_losses'][0]) == 1
+    assert rig.losses == (1, 1)
     rig.shafts(6)
     rig.clock.take_command(9, COMMAND)
     rig.shafts(7)
@@ -130,7 +136,15 @@ def test_a_command_that_a_fault_took_away_is_extrapolated_without_waiting(rig: R
     rig.shafts(5)
     rig.clock.take_command(5, None)
     assert rig.answers[-1] == 5
-    assert int(rig.drive.state['mdt_losses'][0]) == 1
+    assert rig.losses == (1, 1)
+
+
+def test_a_garbled_command_is_a_lost_mdt_but_no_lost_mst(rig: Rig) -> None:
+    rig.run(0, 5)
+    rig.shafts(5)
+    rig.clock.take_command(5, None, garbled=True)
+    assert rig.answers[-1] == 5
+    assert rig.losses == (0, 1)
 
 
 def test_telegrams_of_the_first_cycle_wait_and_older_ones_are_discarded() -> None:

@@ -102,6 +102,7 @@ RECORD = {
     'program': 30,
     'fault': 3,  # OVERLOAD
     'warning': 2,  # OVERLOAD
+    'mst_losses': 7,
     'mdt_losses': 5,
     'absolute_distance': 4096.0,
     'control': 0xE000,
@@ -134,7 +135,7 @@ EXPECTED = {
     'S-0-0015': ('bits', 7, NEVER),
     'S-0-0016': ('byte', 6, NEVER),
     'S-0-0024': ('byte', 4, NEVER),
-    'S-0-0028': ('1', 5, NEVER),
+    'S-0-0028': ('1', 7, NEVER),
     'S-0-0029': ('1', 5, NEVER),
     'S-0-0032': ('bits', 0x000B, NEVER),
     'S-0-0036': ('rad/s', 11.0, NEVER),

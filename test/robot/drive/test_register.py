@@ -298,7 +298,7 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
     drive.state['following_error'] = 0.25
     drive.state['status'] = 0xC008
     drive.state['control'] = 0xE000
-    drive.state['mdt_losses'] = 3
+    drive.state['mst_losses'], drive.state['mdt_losses'] = 2, 3
     drive.state['dc_link'] = 541.5
     constant = robot.motor.torque_constant_n_m_a
     expected = {
@@ -311,7 +311,7 @@ def test_actual_values_are_those_of_the_drive_s_record(drive, robot):
         'S-0-0189': 0.25,
         'S-0-0135': 0xC008,
         'S-0-0134': 0xE000,
-        'S-0-0028': 3,
+        'S-0-0028': 2,
         'S-0-0029': 3,
         'S-0-0380': 541.5,
     }
