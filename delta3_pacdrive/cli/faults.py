@@ -13,6 +13,7 @@ from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
+    from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.verification.fault_catalogue.cases import Case
     from delta3_pacdrive.verification.fault_catalogue.cell_cases import CellCase
 
@@ -96,18 +97,16 @@ def line_of(row: dict[str, Any]) -> str:
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
-def _chosen(options: Options, rotary: 'Sequence[str]') -> 'tuple[list[Case], list[CellCase]]':
-    """Return the selected cases of robots and of simulated cells; raises RunError.
-
-    ``rotary`` are the rotary axes of the robot.
-    """
+def _chosen(options: Options, robot: 'Parameters') -> 'tuple[list[Case], list[CellCase]]':
+    """Return the selected cases of a robot and of simulated cells; raises RunError."""
+    from delta3_pacdrive.parameters import ARMS
     from delta3_pacdrive.verification.fault_catalogue import cell_runner as of_cells
     from delta3_pacdrive.verification.fault_catalogue.cases import cases
 
     only = options.only or ''
     in_cells = [] if options.short else of_cells.cases(only)
     try:
-        return cases(options.short, only, rotary), in_cells
+        return cases(options.short, only, robot.axes[ARMS:], robot.supply.enabled), in_cells
     except RunError:
         if not in_cells:
             raise
@@ -122,7 +121,7 @@ def _run_catalogue(options: Options) -> Output:
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     robot = core.load(options.parameters)
-    todo, in_cells = _chosen(options, robot.axes[core.ARMS :])
+    todo, in_cells = _chosen(options, robot)
     count = len(todo) + len(in_cells)
     announce_compilation(options.parameters)
     if not options.json:

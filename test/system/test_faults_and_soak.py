@@ -37,6 +37,9 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
     expected |= {(kind, cases.State.STARTING) for kind in PROCESS_FAULTS - {'deaf'}}
     # takes 15 s each time
     assert tried == expected | {('deaf', cases.State.STANDING), ('deaf', cases.State.MOVING)}
+    assert {(case.kind, case.state) for case in cases.cases(supplied=True)} == tried | {
+        ('supply_dip', state) for state in states
+    }
     assert {case.target for case in every if case.kind.startswith('encoder')} == set(DRIVES)
     assert len({case.line for case in every}) == len(every)
     assert [case.line for case in cases.cases(short=True)] == sorted(

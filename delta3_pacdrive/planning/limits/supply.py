@@ -1,14 +1,16 @@
 """Load of the supply by a motion: power from the mains, voltage of the DC link, and brake resistor.
 
-The powers of a plan are integrated by the DC link of the plant, so that plan and run follow the same equations.
+The currents and speeds of a plan are integrated by the equations of the plant, so that plan and run agree.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.motor import drawn_energy, motor
 from delta3_pacdrive.robot.plant.dc_link import DcLink
 
 
@@ -73,13 +75,42 @@ def supply_load(
     )
 
 
-def load_of_powers(time_s: Floats, power_w: Floats, parameters: Parameters) -> SupplyLoad | None:
-    """Return the load of the supply by a plan; None for a motion shorter than an exchange period.
+@kernel
+def _accumulate(time_s, current_a, speed_rad_s, m, drawn_j):
+    """Fill the energy that all motors have drawn up to each sample.
 
     Parameters
     ----------
-    time_s, power_w
-        Ascending times [s] and powers of all drives [W], shape (n,).
+    time_s
+        Times of the samples [s], shape (n,).
+    current_a, speed_rad_s
+        Motor currents [A] and speeds [rad/s], shape (n, motors).
+    m
+        Record ``MOTOR``.
+    drawn_j
+        Receives the energies [J], shape (n,).
+
+    """
+    drawn_j[0] = 0.0
+    for n in range(1, time_s.shape[0]):
+        drawn_j[n] = drawn_j[n - 1]
+        for i in range(current_a.shape[1]):
+            speed = 0.5 * (speed_rad_s[n - 1, i] + speed_rad_s[n, i])
+            step = time_s[n] - time_s[n - 1]
+            drawn_j[n] += drawn_energy(current_a[n - 1, i], current_a[n, i], speed, step, m)
+
+
+def load_of_motion(
+    time_s: Floats, current_a: Floats, speed_rad_s: Floats, parameters: Parameters
+) -> SupplyLoad | None:
+    """Return the load of the supply by the arms; None for a motion shorter than an exchange period.
+
+    Parameters
+    ----------
+    time_s
+        Ascending times [s], shape (n,).
+    current_a, speed_rad_s
+        Motor currents [A] and speeds [rad/s], shape (n, 3).
     parameters
         Parameters of a robot whose supply is enabled.
 
@@ -88,7 +119,8 @@ def load_of_powers(time_s: Floats, power_w: Floats, parameters: Parameters) -> S
     count = int((time_s[-1] - time_s[0]) / period_s)
     if count < 1:
         return None
-    drawn_j = np.concatenate([[0.0], np.cumsum(0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s))])
+    drawn_j = np.empty(len(time_s))
+    _accumulate(time_s, current_a, speed_rad_s, motor(parameters)[0], drawn_j)
     energies = np.diff(np.interp(time_s[0] + period_s * np.arange(count + 1), time_s, drawn_j))
     link = DcLink(parameters)
     found = np.empty((3, count))

@@ -108,6 +108,7 @@ _ROWS = (
     Channel('coupling_torque', 'N m', 'd (4.31), from the plant at the last exchange', ('coupling',)),
     Channel('overload', 's', 'integral of the I2t monitoring, once per bus cycle', ('overload',)),
     Channel('dc_link', 'V', 'voltage of the DC link', ('dc_link',)),
+    Channel('resistor_load', ONE, 'heat of the brake resistor relative to its continuous power', ('resistor_load',)),
     Channel('brake_release', ONE, 'brake output, 1 = release', ('brake_release',)),
     Channel('state', ONE, 'state of the drive, as P-0-0081', ('state',)),
     Channel('status', 'bits', 'status word S-0-0135', ('status',)),

@@ -349,6 +349,8 @@ _GROUPS = {
         # over all samples of the current loop in the cycles marked by real-time control bit 1, last program
         _row('P-0-0073', 'Peak of the effective current in a program', 'A', 'last_peak'),
         _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'last_rms'),
+        _row('P-0-0075', 'Load of the brake resistor', ONE, 'resistor_load'),
+        _row('P-0-0076', 'Precharge of the DC bus (0 in progress, 1 ready)', ONE, 'link_ready'),
     ),
     Group.DIAGNOSTICS: (
         _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),

@@ -210,6 +210,8 @@ _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'brake_stuck'}, _LATE),
     ({'fault': 'overload', 'torque_n_m': 0.6}, ''),
 ]
+# mains that stay away; only with a model of the supply. Its electronics discharge the DC link within 3 s.
+_OF_SUPPLY = [_Row({'fault': 'supply_dip', 'share': 0.0, 'for_s': 3.5}, '8909')]
 # an overload that ends before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
 # Running processes that stop receiving: delta3 up replaces them after a timeout of the bus. Which message a deaf plant,
@@ -271,13 +273,18 @@ def _of_rotary_axis(axis: str) -> list[Case]:
     ]
 
 
-def cases(short: bool = False, only: str = '', rotary: Sequence[str] = ()) -> list[Case]:
+def cases(
+    short: bool = False, only: str = '', rotary: Sequence[str] = (), supplied: bool = False
+) -> list[Case]:
     """Return the catalogue or its short form; ``only`` selects cases by text, ``rotary`` are the rotary axes.
+
+    ``supplied``: the supply of the robot has a model.
 
     Raises RunError if there are none.
     """
     everything = [case for row in _ROWS for case in _of_row(row)] + [I2T, *DEAF]
     everything += [case for axis in rotary for case in _of_rotary_axis(axis)]
+    everything += [case for row in _OF_SUPPLY if supplied for case in _of_row(row)]
     lines = (*SHORT, *SHORT_OF_TOOL)
     found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:

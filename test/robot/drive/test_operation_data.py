@@ -98,6 +98,8 @@ RECORD = {
     'overload': 0.7,
     'last_peak': 6.5,
     'last_rms': 3.75,
+    'resistor_load': 0.25,
+    'link_ready': 1,
     'measuring': 20,
     'program': 30,
     'fault': 3,  # OVERLOAD
@@ -235,6 +237,8 @@ EXPECTED = {
     'P-0-0072': ('s', 0.7, NEVER),
     'P-0-0073': ('A', 6.5, NEVER),
     'P-0-0074': ('A', 3.75, NEVER),
+    'P-0-0075': ('1', 0.25, NEVER),
+    'P-0-0076': ('1', 1, NEVER),
     'P-0-0081': ('1', 9, NEVER),
     'P-0-0082': ('1', 1, NEVER),
     'P-0-0083': ('1', 8, NEVER),

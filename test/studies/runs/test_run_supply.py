@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
+from delta3_pacdrive.studies.places.planning import evaluation as planning
 from delta3_pacdrive.studies.runs.run_supply import supply_of_run
 
 BALANCE = 1e-3  # of the energy drawn, of every program
@@ -18,12 +19,17 @@ TURN = {
 ROTARY = {'rotary__present': True}
 
 
-def run(program, **changes):
-    """Return the figures and the trace of a program, packaged or given."""
+def read(program, changes):
+    """Return a program, packaged or given, and its robot."""
     file = parameters.of_run(None, program if isinstance(program, str) else None)
     robot = parameters.load(f'{file}+supply').replace(**changes)
-    read = programs.load if isinstance(program, str) else programs.parse
-    trace = simulation.run(read(program, robot.motion), robot)
+    return (programs.load if isinstance(program, str) else programs.parse)(program, robot.motion), robot
+
+
+def run(program, **changes):
+    """Return the figures and the trace of a program."""
+    given, robot = read(program, changes)
+    trace = simulation.run(given, robot)
     return supply_of_run(trace, robot), trace
 
 
@@ -51,6 +57,19 @@ def test_a_resistor_of_the_recommended_size_keeps_the_voltage():
     large, trace = run('packaging_fast', supply__resistor_ohm=2.0 * load.resistor_max_ohm, **SMALL)
     assert large.load.voltage_max_v > 715.0
     assert not trace.meta['stopped']
+
+
+def test_the_plan_has_the_load_of_the_run():
+    planned = planning.of_program(*read('packaging_fast', SMALL)).supply
+    found = run('packaging_fast', **SMALL)[0].load
+    assert planned.power_peak_w == pytest.approx(found.power_peak_w, rel=0.02)
+    # settling after the program is part of the run only
+    assert planned.power_mean_w == pytest.approx(found.power_mean_w, rel=0.15)
+    assert planned.resistor_mean_w == pytest.approx(found.resistor_mean_w, rel=0.1)
+    assert planned.resistor_max_ohm == pytest.approx(found.resistor_max_ohm, rel=0.06)
+    assert (planned.voltage_min_v, planned.voltage_max_v) == pytest.approx(
+        (found.voltage_min_v, found.voltage_max_v), abs=2.0
+    )
 
 
 def test_without_a_model_of_the_supply_there_are_no_signals_and_no_figures():

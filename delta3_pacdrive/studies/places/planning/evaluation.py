@@ -12,6 +12,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.energy import Energy, energy
 from delta3_pacdrive.planning.limits.limits import arm_bounds, workspace_bounds
+from delta3_pacdrive.planning.limits.supply import load_of_motion
 from delta3_pacdrive.planning.paths.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.planning.paths.path_dynamics import (
     PARALLEL,
@@ -75,16 +76,25 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
     stride = -(-in_all // SAMPLES_KEPT)
     rows, pieces, distance_m = [], [], 0.0
     energies: dict[int, Energy] = {}
+    motions: list[tuple[Floats, Floats, Floats]] = []
     for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
         energies[number] = energy(part.dynamics, parameters)
+        motions.append(
+            (start_s + part.dynamics.time_s, part.dynamics.motor_current_a, part.dynamics.motor_speed_rad_s)
+        )
         row = _row(planned, number, part, parameters, n=n, start_s=start_s)
         piece = _piece(planned, part, parameters, n=n, start_s=start_s, before_m=distance_m)
         rows.append(row)
         pieces.append(_thinned(piece, stride))
         distance_m += row.length_m
-    return PlanStudy(planned, _joined(pieces), tuple(rows), _energy_of_round(planned, energies, parameters))
+    load = None
+    if parameters.supply.enabled and motions:
+        time_s, current_a, speed_rad_s = (np.concatenate(one) for one in zip(*motions, strict=True))
+        load = load_of_motion(time_s, current_a, speed_rad_s, parameters)
+    of_round = _energy_of_round(planned, energies, parameters)
+    return PlanStudy(planned, _joined(pieces), tuple(rows), of_round, load)
 
 
 def _energy_of_round(planned: Planned, known: dict[int, Energy], parameters: Parameters) -> Energy:

@@ -40,6 +40,7 @@ def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False
         'rms_current_a': list(planned.rms_current_a),
         'rms_current_used': max(planned.rms_current_a) / nominal,
         'energy': to_dict(found.energy),
+        **({} if found.supply is None else {'supply': to_dict(found.supply)}),
         'override_max': planned.override_max,
         'rate': planned.rate,
         'used_max': to_dict(used_max(found)),
@@ -131,6 +132,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
         ),
         ('rms current', f'{currents} A, {share_text(planned.rms_current_a, nominal, "nominal")}'),
         ('energy', found.energy.text(planned.repeat)),
+        *(() if found.supply is None else found.supply.rows()),
         (
             'used',
             ', '.join(f'{100.0 * share:.0f} % {quantity.value}' for share, quantity in used if share > 0.0),

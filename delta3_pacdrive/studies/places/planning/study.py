@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.energy import Energy
+from delta3_pacdrive.planning.limits.supply import SupplyLoad
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
@@ -147,3 +148,4 @@ class PlanStudy:
     samples: Samples
     rows: tuple[MoveRow, ...]
     energy: Energy
+    supply: SupplyLoad | None = None  # of the first round by the arms; None without a model of the supply
