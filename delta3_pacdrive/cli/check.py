@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -100,9 +100,14 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
 
 
 def _parameters(robot: Any, name: str) -> dict[str, Any]:
-    """Return the checksum of a parameter file, and warnings on inertias that do not match its arms."""
+    """Return the checksum of a parameter file, warnings on inertias that do not match its arms, and telegram times."""
+    from delta3_pacdrive.parameters import SERCOS_2
+
     derived, warnings = _inertias(robot, name)
-    return {'kind': 'parameters', 'checksum': robot.checksum, 'derived': derived, 'warnings': warnings}
+    result = {'kind': 'parameters', 'checksum': robot.checksum, 'derived': derived, 'warnings': warnings}
+    if robot.bus.timing == SERCOS_2:
+        result['telegrams'] = asdict(robot.bus_timing) | {'text': robot.bus_timing.text}
+    return result
 
 
 def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
@@ -234,6 +239,8 @@ def _text(result: dict[str, Any]) -> Iterator[str]:
         yield f'{key:>9}  {", ".join(result[key]) or "none"}'
     if 'checksum' in result:
         yield f'        checksum {result["checksum"]}'
+    if 'telegrams' in result:
+        yield f'       telegrams {result["telegrams"]["text"]}'
     if 'written' in result:
         how = '' if result['comments_kept'] else ', complete and without comments'
         yield f'         written {result["written"]}{how}'

@@ -67,6 +67,15 @@ class BusTiming:
     mdt_bytes: int
     shortest_cycle_us: int
 
+    @property
+    def text(self) -> str:
+        """The times as one line."""
+        starts = ', '.join(map(str, self.t1_us))
+        return (
+            f'AT from {starts} us, MDT from {self.t2_us} us, set points valid at {self.t3_us} us, shortest cycle '
+            f'{self.shortest_cycle_us} us'
+        )
+
 
 def telegram_us(message_bits: int, baud_rate_mbit_s: float) -> float:
     """Return the longest duration [us] of a telegram: its frame with the most inserted bits."""

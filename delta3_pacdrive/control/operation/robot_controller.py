@@ -25,7 +25,7 @@ from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.control.operation.script_service import ScriptService
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
-from delta3_pacdrive.parameters import Parameters, numbered
+from delta3_pacdrive.parameters import SERCOS_2, Parameters, numbered
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT
@@ -174,8 +174,10 @@ class RobotController:
     def _do(self, actions: Sequence[master.Action]) -> None:
         for action in actions:
             match action:
-                case master.Announce():
+                case master.Announce(phase):
                     self._callbacks.announce(action)
+                    if action.entered and phase is Phase.CP3 and self._parameters.bus.timing == SERCOS_2:
+                        self.state.actions.append(Logged(f'telegrams: {self._parameters.bus_timing.text}'))
                 case master.Greet():
                     self._callbacks.greet(action)
                 case master.RobotReady(cycle):

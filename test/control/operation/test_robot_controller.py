@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.control.actions import Logged
 from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_controller import RobotController
@@ -22,7 +23,6 @@ from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE, Phase, Status
 from thoroughness import examples
 
 ROBOT = parameters.load()
-OURS = Identity.of(ROBOT)
 HOME = (
     kinematics.inverse(np.array(ROBOT.motion.home_m), ROBOT.kinematics) * ROBOT.dynamics.gear_ratio
 ).tolist()
@@ -36,9 +36,14 @@ class Cell:
     """A controller without a clock, and ideal drives that a test advances."""
 
     def __init__(
-        self, *faults: dict[str, Any], inputs: tuple[str, ...] = (), clock: SharedClock | None = None
+        self,
+        *faults: dict[str, Any],
+        inputs: tuple[str, ...] = (),
+        clock: SharedClock | None = None,
+        robot: parameters.Parameters = ROBOT,
     ) -> None:
-        self.inputs = inputs
+        self.inputs, self.identity = inputs, Identity.of(robot)
+        self.logged: list[str] = []
         self.now_s = 0.0
         self.sent: dict[int, Command] = {}
         self.told: list[int] = []
@@ -51,7 +56,7 @@ class Cell:
         for fault in faults:
             schedule.add(Scheduled.of(parse(fault, 'fault'), 0, ROBOT.bus.cycle_time_s))
         self.robot = RobotController(
-            ROBOT,
+            robot,
             Timing(0.0, REPORT_S, lambda: self.now_s, lambda: round(self.now_s * 1e9), clock),
             False,
             schedule,
@@ -85,6 +90,7 @@ class Cell:
         """Find nothing wrong."""
 
     def run_actions(self) -> None:
+        self.logged += [one.sentence for one in self.robot.state.actions if isinstance(one, Logged)]
         self.robot.state.actions.clear()
 
     def publish_status(self) -> None:
@@ -102,7 +108,7 @@ class Cell:
         session = self.robot.bus.session.decode()
         seen = max(self.sent, default=-1) + 1
         self.robot.receive_announcement(
-            Announcement(name, instance, session, occasion, OURS, DRIVES, seen, self.inputs)
+            Announcement(name, instance, session, occasion, self.identity, DRIVES, seen, self.inputs)
         )
 
     def come_up(self) -> 'Cell':
@@ -170,6 +176,22 @@ def test_bus_phases_up_and_the_robot_is_at_the_position_of_the_drives() -> None:
     assert cell.phases == [Phase.CP1, Phase.CP2, Phase.CP3, Phase.CP4]
     assert cell.robot.closed() is None
     assert cell.robot.progress().tcp_m == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
+
+
+def test_master_of_a_sercos_ring_logs_the_times_of_its_telegrams() -> None:
+    cell = Cell(robot=ROBOT.replace(bus__timing='sercos2')).come_up()
+    text = 'AT from 40, 54, 68 us, MDT from 122 us, set points valid at 800 us, shortest cycle 398 us'
+    assert [one for one in cell.logged if one.startswith('telegrams')] == [f'telegrams: {text}']
+    assert not [one for one in Cell().come_up().logged if one.startswith('telegrams')]
+
+
+def test_participants_with_another_ring_keep_the_bus_in_cp2() -> None:
+    cell = Cell(robot=ROBOT.replace(bus__timing='sercos2'))
+    cell.identity = Identity.of(ROBOT.replace(bus__timing='sercos2', bus__baud_rate_mbit_s=8))
+    with pytest.raises(AssertionError):
+        cell.come_up()
+    assert cell.phases[-1] == Phase.CP2
+    assert '(bus.baud_rate_mbit_s is 8 there, 16 here)' in cell.fault
 
 
 def test_cycle_ticks_begin_with_their_schedule_before_the_phase_is_published(cell: Cell) -> None:
