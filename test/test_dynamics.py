@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
-from delta3_pacdrive.robot.sercos.telegrams import JOINTS
-from delta3_pacdrive.scene.joints import joints
-from delta3_pacdrive.scene.mjcf import mjcf
-from delta3_pacdrive.scene.parts import RODS
+from second_engine import closed_chain, engine_of
 
 SEED = 20090418
 PRINTED = 1e-9  # the reference values have nine decimals
@@ -281,66 +277,15 @@ def test_feed_forward_and_observer_inertia_are_those_of_the_workspace(robot):
     assert robot.drive.observer_arm_inertia_kg_m2 == pytest.approx(middle, rel=0.02)
 
 
-def mujoco_engine(robot, *, rods=False):
-    """The exported model: arms, six rods on universal joints, and a free plate."""
-    mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, rods=rods))
-    return mujoco, model, mujoco.MjData(model)
-
-
-def mujoco_loops(engine, of_site):
-    """Return values of a function of MuJoCo at the sites: rows (18, 21) of rod ends less joints on the plate."""
-    _, model, _ = engine
-    rows = np.zeros((2, 6, 3, model.nv))
-    for n, rod in enumerate(RODS):
-        for side, name in enumerate((f'forearm{rod}_end', f'plate_{rod}')):
-            of_site(model.site(name).id, rows[side, n])
-    return (rows[0] - rows[1]).reshape(18, model.nv)
-
-
-def mujoco_acceleration(engine, theta, thetadot, tau, robot):
-    """Arm accelerations of MuJoCo's tree with its six loops closed by exact constraints."""
-    mujoco, model, data = engine
-    tcp = kinematics.forward(theta, robot.kinematics)
-    for name, angle in zip(JOINTS, joints(theta, robot), strict=True):
-        if not name.startswith('plate'):  # it is free here, and hangs on a rod in a tree
-            data.joint(name).qpos[:] = angle
-    data.joint('plate').qpos[:] = [*tcp, 1.0, 0.0, 0.0, 0.0]
-    mujoco.mj_forward(model, data)
-    for rod in RODS:
-        apart = data.site(f'forearm{rod}_end').xpos - data.site(f'plate_{rod}').xpos
-        assert np.abs(apart).max() < 1e-12
-    rows = mujoco_loops(engine, lambda site, out: mujoco.mj_jacSite(model, data, out, None, site))
-    arms = [int(model.joint(axis).dofadr[0]) for axis in DRIVES]
-    others = np.setdiff1d(np.arange(model.nv), arms)
-    data.qvel[arms] = thetadot
-    data.qvel[others] = np.linalg.solve(rows[:, others], -rows[:, arms] @ thetadot)
-    plate = int(model.joint('plate').dofadr[0])
-    moved = kinematics.jacobian(theta, tcp, robot.kinematics) @ thetadot
-    assert data.qvel[plate : plate + 6] == pytest.approx([*moved, 0.0, 0.0, 0.0], abs=1e-9)
-    mujoco.mj_forward(model, data)
-
-    def rate_of_jacobian(site, out):
-        mujoco.mj_jacDot(model, data, out, None, data.site_xpos[site], model.site_bodyid[site])
-
-    rates = mujoco_loops(engine, rate_of_jacobian)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    saddle = np.block([[mass, rows.T], [rows, np.zeros((18, 18))]])
-    force = -data.qfrc_bias
-    force[arms] += tau
-    return np.linalg.solve(saddle, np.append(force, -rates @ data.qvel))[arms]
-
-
 @pytest.mark.parametrize('rods', [False, True], ids=['split masses', 'rods'])
 @pytest.mark.parametrize('payload_kg', [0.0, 0.5, 2.0])
 def test_mujoco_finds_the_same_accelerations(payload_kg, rods, robot):
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
-    engine = mujoco_engine(loaded, rods=rods)
+    engine = engine_of(loaded, rods=rods)
     worst = 0.0
     for theta, thetadot, push in zip(*states(150), strict=True):
         tau = dynamics.gravity(theta, loaded) + push
-        expected = mujoco_acceleration(engine, theta, thetadot, tau, loaded)
+        expected, *_ = closed_chain(engine, theta, thetadot, tau, loaded)
         found = dynamics.forward(theta, thetadot, tau, loaded, rods=rods)
         worst = max(worst, float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max())))
         back = dynamics.inverse(theta, thetadot, expected, loaded, rods=rods)

@@ -16,7 +16,7 @@ FIELDS = {
     for group, cls in parameters.groups().items()
     for field in dataclasses.fields(cls)
 }
-UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm|_hz|_w|_f)')
+UNITS = re.compile(r'[\w.]+(_m|_s|_m2|_s2|_s3|_kg|_a|_v|_h|_ohm|_deg|_rad|_rpm|_hz|_w|_f|_n)')
 SWITCHES = {name for name, field in FIELDS.items() if field.type is bool}
 WORDS = {name for name, field in FIELDS.items() if field.type is str}
 DIMENSIONLESS = (
@@ -45,6 +45,7 @@ DIMENSIONLESS = (
         'motor.coupling_effect',
         'control.shaping_damping',
         'supply.ready_share',
+        'gear.life_exponent',
         *(f'{group}.{name}' for group in ('rotary', 'rotary_2') for name in ('pole_pairs', 'gear_ratio')),
         *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
     }
@@ -72,6 +73,7 @@ RING = {
     f'bus.{name}' for name in ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')
 }
 OPTIONAL |= {'motion.tcp_speed_limit_m_s'} | RING
+OPTIONAL |= {name for name in FIELDS if name.startswith(('gear.', 'joints.'))}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -389,7 +391,7 @@ def test_a_file_may_name_its_plant(tmp_path, robot):
 
 def test_without_enabled_no_effect_is_on(robot):
     off = parameters.flatten(robot.replace(rich__enabled=False), absent=True)
-    on = {name for name in SWITCHES if off[name]}
+    on = {name for name in SWITCHES if off[name] and name.startswith('rich.')}
     assert on  # they stand ready
     assert not any(getattr(robot.rich.effects, name.removeprefix('rich.')) for name in on)
 
@@ -524,6 +526,11 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     if name in SUPPLY - {'supply.enabled'}:
         assert replace(robot, name, changed).checksum == robot.checksum
         robot = robot.replace(supply__enabled=True)
+    group, key = name.split('.')
+    if group in ('gear', 'joints') and key != 'limit_moves':
+        robot = robot.replace(**{f'{group}__limit_moves': False})
+        assert replace(robot, name, changed).checksum == robot.checksum
+        robot = robot.replace(**{f'{group}__limit_moves': True})
     if name == 'rotary_2.present':
         robot = robot.replace(rotary__present=True)
     assert replace(robot, name, changed).checksum != robot.checksum

@@ -256,7 +256,7 @@ def require_feasible(
     coefficients = legal_coefficients(times, samples, payload, (heaviest,), parameters, where=where)
     # samples are derivatives by time, which corresponds to a master at 1 s/s
     master = np.column_stack([times, np.ones_like(times), np.zeros_like(times), np.zeros_like(times)])
-    dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
+    dynamics = timed_dynamics(times, master, samples, coefficients, parameters, np.full(len(times), heaviest))
     highest = TCP_SPEED_SHARE * parameters.motion.tcp_speed_limit_m_s
     fastest = int(np.argmax(dynamics.tcp_speed_m_s))
     if not (speed := float(dynamics.tcp_speed_m_s[fastest])) <= highest:

@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +36,7 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.watchdog import BOUND_S, Watchdog
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.wire import discovery, domain, interfaces
-from delta3_pacdrive.studies.runs.run_signals import energy_of_round
-from delta3_pacdrive.studies.runs.run_supply import supply_of_run
+from delta3_pacdrive.studies.runs.derived_signals import loads_of_round
 
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is evaluated for its energy
 
@@ -132,16 +130,12 @@ class Bringup:
         return facts
 
     def _energy(self, planned: Planned, bag: Path) -> dict[str, Any]:
-        """Return the energy of a round and the load of the supply from the recording, empty if it is incomplete."""
+        """Return energy of a round and load of supply and gears from the recording, empty if it is incomplete."""
         trace = bag_trace.read_bag(bag)
         timeline = Timeline(planned.plan, self.robot.bus.cycle_time_s)
         timeline.start(trace.meta.get('start_cycle', NEVER))
         trace.meta['end_cycle'] = timeline.end_cycle  # not recorded
-        found = {
-            'energy': energy_of_round(trace, self.robot, planned.repeat),
-            'supply': supply_of_run(trace, self.robot),
-        }
-        return {name: asdict(one) for name, one in found.items() if one is not None}
+        return loads_of_round(trace, self.robot, planned.repeat)
 
     def _start(self, logs: Path) -> None:
         self._processes = RobotProcesses(

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from delta3_pacdrive import interrupts
@@ -192,6 +192,11 @@ def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
     used: dict[str, Any] = {
         'warnings': thermal_warnings(result['current_rms_a'], robot.motor.nominal_current_a)
     }
+    if 'gears' in result:
+        from delta3_pacdrive.planning.limits.gear_load import GearFigures
+
+        used['warnings'] += GearFigures(**result['gears']).warnings(robot.gear)
+        used['gear_limits'] = asdict(robot.gear)
     for name, limit in (('peak', robot.motor.peak_current_a), ('rms', robot.motor.nominal_current_a)):
         currents = result[f'current_{name}_a']
         used[f'current_{name}_limit_a'] = limit
@@ -261,6 +266,12 @@ def figures_text(result: dict[str, Any]) -> list[str]:
 
         rows += SupplyLoad(**result['supply']['load']).rows()
         rows.append(('balance', EnergyBalance(**result['supply']['balance']).text))
+    if 'gears' in result:
+        from delta3_pacdrive.parameters import Gear
+        from delta3_pacdrive.planning.limits.gear_load import GearFigures
+
+        lines = GearFigures(**result['gears']).lines(Gear(**result['gear_limits']))
+        rows += zip(('gears', ''), lines, strict=True)
     if 'from_exact' in result:
         apart = result['from_exact']
         rows.append(

@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,6 +139,7 @@ def run(options: Options) -> Output:
     from delta3_pacdrive.studies.framework.provenance import Provenance, digest
     from delta3_pacdrive.studies.framework.report_folder import ReportFolder, require_writable_folder
     from delta3_pacdrive.studies.runs import trace_export
+    from delta3_pacdrive.studies.runs.derived_signals import loads_of_round
     from delta3_pacdrive.studies.runs.runs import note_limits
 
     if options.trace:
@@ -181,7 +182,7 @@ def run(options: Options) -> Output:
     result = _result(trace, wall)
     if exact is not None:
         result['from_exact'] = exact
-    result |= _energies(trace, robot)
+    result |= loads_of_round(trace, robot, trace.meta['repeat'])
     if records is not None:
         result['scope'] = records.written
     notes = (*chosen.notes, *(records.sentences() if records else ()))
@@ -189,18 +190,6 @@ def run(options: Options) -> Output:
         result['files'] = folder.files
         notes = (*notes, f'report: {folder.files[0]}')
     return output_of_run(result, options, robot, inputs, notes=notes)
-
-
-def _energies(trace: 'Trace', robot: 'Parameters') -> dict[str, Any]:
-    """Return the energy of a round, and the load of the supply if it has a model."""
-    from delta3_pacdrive.studies.runs.run_signals import energy_of_round
-    from delta3_pacdrive.studies.runs.run_supply import supply_of_run
-
-    found = {
-        'energy': energy_of_round(trace, robot, trace.meta['repeat']),
-        'supply': supply_of_run(trace, robot),
-    }
-    return {name: asdict(one) for name, one in found.items() if one is not None}
 
 
 def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':

@@ -148,6 +148,50 @@ class Dynamics:
 
 
 @dataclass(frozen=True)
+class Gear:
+    """Limits of a planetary gear between motor and arm, as in a maker's catalogue; torques at its output."""
+
+    limit_moves: bool = quantity(
+        'whether moves respect the acceleration torque and the largest input speed of the gears',
+        False,
+        True,
+        default=False,
+    )
+    nominal_torque_n_m: float = positive(
+        'T_2N, equivalent torque with which a gear reaches its nominal life', 1e5, default=100.0
+    )
+    acceleration_torque_n_m: float = positive('T_2B, largest torque during a move', 1e5, default=160.0)
+    emergency_torque_n_m: float = positive(
+        'T_2Not, largest torque during an emergency stop, permitted 1000 times', 1e5, default=250.0
+    )
+    nominal_input_speed_rpm: float = positive(
+        'n_1N, mean input speed with which a gear reaches its nominal life', 1e5, default=3000.0
+    )
+    input_speed_max_rpm: float = positive('n_1max, largest input speed', 1e5, default=6000.0)
+    nominal_life_h: float = positive('L_hN, life at nominal torque and nominal speed', 1e6, default=20e3)
+    life_exponent: float = quantity('p of the life, T^-p', 1.0, 20.0, default=10.0 / 3.0)
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Limits of rods, ball joints and plate."""
+
+    limit_moves: bool = quantity(
+        'whether moves respect the limits of rods, ball joints and plate', False, True, default=False
+    )
+    spring_force_n: float = positive(
+        'force of a spring that holds the two rods of a forearm on their balls', 1e5, default=200.0
+    )
+    socket_angle_deg: float = quantity(
+        'angle from the axis of a ball up to which its socket encloses it', 1.0, 89.0, default=60.0
+    )
+    rod_force_max_n: float = positive('largest axial force of a rod', 1e6, default=400.0)
+    plate_moment_max_n_m: float = positive(
+        'largest tilting moment of tool and payload on the plate', 1e4, default=20.0
+    )
+
+
+@dataclass(frozen=True)
 class Motor:
     """P4: motor, winding, friction and holding brake; currents A rms, R and L phase to phase."""
 

@@ -24,6 +24,8 @@ from delta3_pacdrive.parameters.records import (
     Control,
     Drive,
     Dynamics,
+    Gear,
+    Joints,
     Motion,
     Motor,
     Rich,
@@ -50,6 +52,8 @@ class Parameters:
     rich: Rich
     bus: Bus
     motion: Motion
+    gear: Gear = field(default_factory=Gear)
+    joints: Joints = field(default_factory=Joints)
     control: Control = field(default_factory=Control)
     rotary: Rotary = field(default_factory=Rotary)
     rotary_2: Rotary = field(default_factory=Rotary)
@@ -148,6 +152,22 @@ class Parameters:
         return drive.current_reference_filter_s + lag_s + notch_s
 
     @property
+    def shaft_speed_max_rpm(self) -> float:
+        """Largest speed of a motor shaft in a move [rpm], limited by the motor or by the gear."""
+        of_gear = self.gear.input_speed_max_rpm if self.gear.limit_moves else math.inf
+        return min(self.motor.max_speed_rpm, of_gear)
+
+    @property
+    def shaft_speed_max_rad_s(self) -> float:
+        """Largest speed of a motor shaft in a move [rad/s]."""
+        return self.shaft_speed_max_rpm * math.tau / 60.0
+
+    @property
+    def gear_torque_max_n_m(self) -> float:
+        """Largest torque [N m] at the output of a gear in a move; inf if moves are not limited by gears."""
+        return self.gear.acceleration_torque_n_m if self.gear.limit_moves else math.inf
+
+    @property
     def torque_max_n_m(self) -> float:
         """Largest motor torque [N m], limited by peak current or by the drive (S-0-0092)."""
         motor = self.motor
@@ -187,15 +207,23 @@ class Parameters:
     def checksum(self) -> str:
         """Digest of every value; participants agree if their digests are equal.
 
-        Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply that is not enabled
-        are excluded, so that the digests of such robots do not change.
+        Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears and of
+        joints that are not enabled are excluded, so that the digests of such robots do not change.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
             for name in RING:
                 del values[f'bus.{name}']
-        if not self.supply.enabled:
-            values = {name: value for name, value in values.items() if not name.startswith('supply.')}
+        unused = [
+            f'{group}.'
+            for group, is_used in (
+                ('supply', self.supply.enabled),
+                ('gear', self.gear.limit_moves),
+                ('joints', self.joints.limit_moves),
+            )
+            if not is_used
+        ]
+        values = {name: value for name, value in values.items() if not name.startswith(tuple(unused))}
         text = repr(sorted(values.items()))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

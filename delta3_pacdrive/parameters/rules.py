@@ -16,6 +16,7 @@ from delta3_pacdrive.parameters.records import (
     Control,
     Drive,
     Dynamics,
+    Gear,
     Motion,
     Motor,
     Rich,
@@ -47,6 +48,7 @@ def broken_rules(
     bus: Bus,
     rich: Rich,
     motor: Motor,
+    gear: Gear,
     control: Control,
     rotary: Rotary,
     rotary_2: Rotary,
@@ -62,6 +64,7 @@ def broken_rules(
     yield from _broken_geometry(kinematics, dynamics)
     yield from _broken_effects(rich, bus, motor)
     yield from _broken_decoupling(dynamics, rich)
+    yield from _broken_gear(gear)
     yield from _broken_shaping(control)
     yield from _broken_speeds(motion)
     yield from broken_rotary(rotary, rotary_2)
@@ -161,6 +164,17 @@ def _broken_shaping(control: Control) -> Rules:
         yield violation(
             'control.shaping_frequency_hz', frequency, f'must be 0 (computed) or at least {SHAPED_MIN_HZ}'
         )
+
+
+def _broken_gear(gear: Gear) -> Rules:
+    for name, other in (
+        ('acceleration_torque_n_m', 'nominal_torque_n_m'),
+        ('emergency_torque_n_m', 'acceleration_torque_n_m'),
+        ('input_speed_max_rpm', 'nominal_input_speed_rpm'),
+    ):
+        value, least = getattr(gear, name), getattr(gear, other)
+        if value < least:
+            yield violation(f'gear.{name}', value, f'must not be less than gear.{other} ({least})')
 
 
 def _broken_speeds(motion: Motion) -> Rules:

@@ -204,7 +204,8 @@ def plan_joints(
     )
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, 1.0
-    d = timed_dynamics(times, master, samples, coefficients, parameters)
+    carried = np.full(len(times), payload_kg)
+    d = timed_dynamics(times, master, samples, coefficients, parameters, carried)
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
     move = Move(
         MoveKind.JOINTS,
@@ -246,4 +247,5 @@ def _jump_dynamics(path: JointTrajectory, payload_kg: float, parameters: Paramet
     coefficients = path_coefficients(samples, payload, (payload_kg,), parameters)
     master = np.zeros((count, 4))
     master[:, 0], master[:, 2] = path.times_s, 1.0 / parameters.bus.cycle_time_s
-    return timed_dynamics(path.times_s, master, samples, coefficients, parameters)
+    carried = np.full(count, payload_kg)
+    return timed_dynamics(path.times_s, master, samples, coefficients, parameters, carried)

@@ -334,4 +334,5 @@ def _even(
     )
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, speed
-    return timed_dynamics(times, master, samples, coefficients, parameters)
+    carried = np.full(len(times), payload_kg)
+    return timed_dynamics(times, master, samples, coefficients, parameters, carried)

@@ -1,5 +1,6 @@
 """Thermal load of the motors: rms current at any rate, and largest override within the motor limits."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX
+from delta3_pacdrive.planning.limits.joint_forces import force_demands
 from delta3_pacdrive.planning.limits.limits import ROUNDING
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
 
@@ -84,14 +86,24 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
     w = weights[:, None]
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
-        speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
+        speed = parameters.shaft_speed_max_rad_s / np.abs(d.motor_speed_rad_s)
+        moved = np.abs(d.gear_torque_n_m - d.standing_gear_torque_n_m)
+        gear = (parameters.gear_torque_max_n_m - np.abs(d.standing_gear_torque_n_m)) / moved
         tcp = parameters.motion.tcp_speed_limit_m_s * (1.0 + ROUNDING) / d.tcp_speed_m_s
         volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
+    forces = math.inf
+    if parameters.joints.limit_moves:
+        for one in force_demands(d.tcp_motion_m, d.payload_kg, parameters):
+            with np.errstate(divide='ignore', invalid='ignore'):
+                left = np.maximum(one.limit - np.abs(one.standing), 0.0) / np.abs(one.moving)
+            forces = min(forces, float(np.sqrt(left).min()))
     override_max = min(
+        forces,
         float(np.sqrt(room).min()),
         float(speed.min()),
         float(np.sqrt(volts).min()),
         float(tcp.min()),
+        float(np.sqrt(np.maximum(gear, 0.0)).min()),
         OVERRIDE_MAX,
     )
     return ThermalLoad(

@@ -62,6 +62,7 @@ DERIVED_SIGNALS = {
     ),
     'tcp_velocity': ('m/s', 'velocity of the actual TCP'),
     'tcp_acceleration': ('m/s2', 'acceleration of the actual TCP'),
+    'gear_torque': ('N m', 'torque at the output of the gear, from the coupling torque and the shaft speed'),
 }
 # on request only; each column of the outputs has its own name
 REQUESTED_SIGNALS = {
@@ -69,6 +70,15 @@ REQUESTED_SIGNALS = {
     'joint_speed': ('rad/s', 'arm speeds through the Jacobian from the TCP of the command (4.12)'),
     'joint_acceleration': ('rad/s2', 'arm accelerations through the Jacobian, from the same (4.16)'),
     'jacobian': ('1, m/s, m/s2', 'of the TCP of the command: condition number of J, speed, acceleration'),
+    'rod_force': (
+        'N',
+        'larger axial force of the two rods of each arm, tension positive, from the TCP command',
+    ),
+    'spring_force': (
+        'N',
+        'force of the springs that keeps the ball joints of each arm closed, from the same',
+    ),
+    'plate_load': ('N, N m', 'axial force and tilting moment of the payload on the plate, from the same'),
     'payload': ('kg', 'payload in the MDT of the bus cycle'),
     'outputs': ('1', 'digital outputs: gripper, output1 to output7'),
     'status_word': ('bits', 'status word S-0-0135 of the AT'),
@@ -95,8 +105,10 @@ NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'cell_belts': [str(n + 1) for n in range(CELL_BELTS)],
     'cell_force': ('holding', 'needed'),
     'jacobian': ('condition', 'speed', 'acceleration'),
+    'plate_load': ('force', 'moment'),
 }
 JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``control/cycle/joint_motion.py``
+FORCES = ('rod_force', 'spring_force', 'plate_load')  # from ``planning/limits/joint_forces.py``
 ONE_COLUMN = (
     'tcp_error_norm',
     'tcp_speed',

@@ -6,6 +6,12 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning.program import file_reader as programs
 
 
+@pytest.fixture(scope='session')
+def robot(robot):
+    """The packaged robot, limited by motors and TCP only; limits/test_gear_load.py examines those of the gears."""
+    return robot.replace(gear__limit_moves=False)
+
+
 @pytest.fixture
 def load(robot, tmp_path):
     """Return a function that reads a program from its text."""

@@ -455,12 +455,14 @@ def over_path(found):
 def motors(found, robot):
     s, motor, arm = found.samples, robot.motor, robot.kinematics
     peak, nominal = (motor.torque_constant_n_m_a * a for a in (motor.peak_current_a, motor.nominal_current_a))
+    gear = robot.gear.acceleration_torque_n_m
     fastest = motor.max_speed_rpm * math.tau / 60.0
     panels = []
     for name, values, limits in (
         ('arm angle', s.arm_angle_rad, np.radians([arm.arm_angle_min_deg, arm.arm_angle_max_deg])),
         ('motor speed', s.motor_speed_rad_s, (-fastest, fastest)),
         ('motor torque', s.motor_torque_n_m, (-peak, peak, -nominal, nominal)),
+        ('gear torque', s.gear_torque_n_m, (-gear, gear)),
     ):
         near = [level(one) for one in limits if abs(one) <= 2.0 * np.abs(values).max()]
         curves = [line(values[:, i], f'axis {i + 1}') for i in range(3)]

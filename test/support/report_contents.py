@@ -229,9 +229,9 @@ WORST = {
     'parallel': ('least', 'distance from the parallel singularity', 1.0),
     'speed': ('least', 'TCP speed in every direction (m/s)', 1.0),
     'acceleration_nominal': ('least', 'TCP acceleration in every direction at nominal current (m/s2)', 1.0),
-    'acceleration': ('least', 'TCP acceleration in every direction at peak current (m/s2)', 1.0),
+    'acceleration': ('least', 'TCP acceleration in every direction at peak torque (m/s2)', 1.0),
     'payload_held': ('least', 'payload held at rest by nominal current and brakes (kg)', 1.0),
-    'payload_peak': ('least', 'payload accelerated at peak current (kg)', 1.0),
+    'payload_peak': ('least', 'payload accelerated at peak torque (kg)', 1.0),
     'payload': ('least', 'payload within the limit of the robot (kg)', 1.0),
     'increment': ('largest', 'TCP motion for one increment of each motor (um)', UM),
 }

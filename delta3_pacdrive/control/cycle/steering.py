@@ -56,6 +56,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.control.cycle.task_cycle import arm_torques
+from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.kinematics import (
     arm_angles,
     forearms,
@@ -108,6 +109,8 @@ SERVO = np.dtype(
         ('parallel_min', 'f8'),
         ('motor_speed', 'f8'),  # [rad/s]
         ('motor_torque', 'f8'),  # [N m], of the peak current
+        ('gear_torque', 'f8'),  # [N m], at the output of a gear; inf: no limit
+        ('rotor', 'f8'),  # inertia of a rotor, arm side [kg m^2]
         ('voltage', 'f8'),  # [V], rms phase voltage
         ('volts_per_torque', 'f8'),  # resistance
         ('volts_per_speed', 'f8'),  # back-EMF
@@ -140,8 +143,9 @@ def servo_record(parameters: Parameters, limits: Limits) -> NDArray[Any]:
     s['angle_min'], s['angle_max'] = map(math.radians, (k.arm_angle_min_deg, k.arm_angle_max_deg))
     s['swing_sine_max'] = math.sin(math.radians(k.forearm_swing_max_deg))
     s['serial_min'], s['parallel_min'] = k.serial_singularity_min, k.parallel_singularity_min
-    s['motor_speed'] = RESERVE * motor.max_speed_rad_s
+    s['motor_speed'] = RESERVE * parameters.shaft_speed_max_rad_s
     s['motor_torque'] = RESERVE * motor.torque_constant_n_m_a * motor.peak_current_a
+    s['gear_torque'], s['rotor'] = RESERVE * parameters.gear_torque_max_n_m, rotor_inertia(parameters)
     s['voltage'] = RESERVE * phase_voltage_max(parameters)
     # rms per phase, as in timed_dynamics
     s['volts_per_torque'] = motor.winding_resistance_ohm / 2.0 / motor.torque_constant_n_m_a
@@ -378,6 +382,8 @@ def _is_permitted(p, v, a, least, h, servo, task):
         needed = torque[i] / c.gear_ratio + friction_torque(turning, m)
         volts = s.volts_per_torque * needed + s.volts_per_speed * turning
         if not (abs(turning) <= s.motor_speed and abs(needed) <= s.motor_torque and abs(volts) <= s.voltage):
+            return False
+        if not abs(torque[i] - s.rotor * acceleration[i]) <= s.gear_torque:
             return False
     return True
 

@@ -5,7 +5,8 @@ the motor speed limit over the longest row. At rest the torques for an accelerat
 
     tau = A J^-1 X'' + G,   A J^-1 = I_b J^-1 + m_nt J^T,   G_i = m_nt g J_zi - m_br g r_Gb cos theta_i    (4.26)
 
-with terms linear in the payload. Static friction reduces the acceleration, but not the payload held at rest.
+with terms linear in the payload. Static friction reduces the acceleration, but not the payload held at rest. The output
+of a gear carries these torques without those of the rotor, up to its acceleration torque.
 
 Arguments of the kernels here:
 
@@ -23,7 +24,7 @@ Arguments of the kernels here:
     Holding torque of an arm with the empty plate [N m], and its increase per payload [N m/kg].
 ``payload``
     Payload [kg].
-``torque``
+``torque``, ``limit``
     Available torque [N m].
 """
 
@@ -34,7 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from delta3_pacdrive.dynamics import inertia, motion_terms
+from delta3_pacdrive.dynamics import inertia, motion_terms, rotor_inertia
 from delta3_pacdrive.kinematics import (
     arm_angles,
     forearm_swing,
@@ -74,6 +75,8 @@ DEMAND = np.dtype(
         ('arm_speed', 'f8'),  # largest arm speed [rad/s]
         ('peak', 'f8'),  # arm torque available for acceleration at peak current [N m]
         ('nominal', 'f8'),  # and at nominal current
+        ('gear', 'f8'),  # largest torque at the output of a gear [N m]; inf: no limit
+        ('rotor', 'f8'),  # inertia of a rotor, arm side [kg m^2]
         ('held', 'f8'),  # arm torque that nominal current and brake can hold permanently [N m]
         ('payload', 'f8'),  # carried payload [kg]
         ('acceleration', 'f8'),  # required of the largest payload [m/s^2]
@@ -96,6 +99,7 @@ def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) 
     record['arm_speed'] = highest_motor_speed(parameters) / gear
     record['peak'] = gear * max(peak - motor.static_friction_n_m, 0.0)
     record['nominal'] = gear * max(nominal - motor.static_friction_n_m, 0.0)
+    record['gear'], record['rotor'] = parameters.gear_torque_max_n_m, rotor_inertia(parameters)
     record['held'] = gear * min(nominal, motor.brake_torque_n_m)
     record['payload'], record['acceleration'] = payload_kg, acceleration_m_s2
     record['increment'] = math.tau / (parameters.bus.increments_per_rev * gear)
@@ -120,14 +124,14 @@ def _held(weight, lift, d):
 
 
 @kernel
-def _accelerated(row, column, weight, lift, d):
-    """Largest payload [kg] that an arm accelerates with its peak torque; 0 if it cannot accelerate the empty plate."""
-    if _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
+def _accelerated(row, column, weight, lift, limit, d):
+    """Largest payload [kg] that an arm accelerates with a torque; 0 if it cannot accelerate the empty plate."""
+    if _acceleration(row, column, weight, lift, 0.0, limit) < d.acceleration:
         return 0.0
     most, square = LOAD_MAX_KG, d.acceleration * d.acceleration
     for sign in (-1.0, 1.0):
         # acceleration |row + m column| = torque - sign (weight + m lift), squared: its smallest positive root m
-        torque, slope = d.peak - sign * weight, sign * lift
+        torque, slope = limit - sign * weight, sign * lift
         half = square * dot(row, column) + torque * slope
         rest = torque * torque - square * dot(row, row)
         radicand = half * half + (square * dot(column, column) - slope * slope) * rest
@@ -167,7 +171,13 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
             acceleration = min(acceleration, _acceleration(*arm, d.peak))
             nominal = min(nominal, _acceleration(*arm, d.nominal))
             held = min(held, _held(weight[i], lift, d))
-            peak = min(peak, _accelerated(table[i], j[i], weight[i], lift, d))
+            peak = min(peak, _accelerated(table[i], j[i], weight[i], lift, d.peak, d))
+            if d.gear < math.inf:
+                # the gear carries the torque of the arms, without the rotor
+                row = plus(table[i], -d.rotor / sb[i], s[i])
+                at_gear = _acceleration(row, j[i], weight[i], lift, d.payload, d.gear)
+                acceleration, nominal = min(acceleration, at_gear), min(nominal, at_gear)
+                peak = min(peak, _accelerated(row, j[i], weight[i], lift, d.gear, d))
             out[n, i] = theta[i]
             out[n, 3 + i] = serial_distance(i, sb[i], g)
         out[n, 6] = parallel_distance(s, g)
@@ -190,10 +200,12 @@ class Capability:
     singular_min_m_rad: Floats  # singular values of J
     singular_max_m_rad: Floats
     speed_m_s: Floats  # available in every direction at maximum motor speed
-    acceleration_m_s2: Floats  # available from rest in every direction with the payload, at peak current
+    acceleration_m_s2: (
+        Floats  # from rest in every direction with the payload, at peak current and within the gears
+    )
     acceleration_nominal_m_s2: Floats  # the same at nominal current
     payload_held_kg: Floats  # largest payload that nominal currents and brakes hold at rest, permitted or not
-    payload_peak_kg: Floats  # largest payload that peak currents accelerate as required
+    payload_peak_kg: Floats  # largest payload that peak currents accelerate as required, within the gears
     increment_m: Floats  # largest TCP error if every motor is off by one increment
     limit: NDArray[np.uint8]  # 0: permitted, 1: out of reach, else the first violated bound, by ``CODES``
 

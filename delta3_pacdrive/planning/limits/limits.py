@@ -277,7 +277,7 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     except UnreachableError as error:
         raise ProgramError(str(error)) from None
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
-    limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
+    limit = parameters.shaft_speed_max_rad_s * (1.0 + BETWEEN_SAMPLES)
     tcp = np.linalg.norm(samples[:, 1], axis=1) * np.abs(master[:, 1]) * override
     tcp_limit = parameters.motion.tcp_speed_limit_m_s * (1.0 + TCP_BETWEEN_SAMPLES)
     bounds = (
@@ -295,11 +295,11 @@ def phase_voltage_max(parameters: Parameters) -> float:
 
 
 def highest_motor_speed(parameters: Parameters) -> float:
-    """Return the motor speed limit [rad/s]: its maximum, or the voltage limit at nominal current."""
+    """Return the motor speed limit [rad/s]: that of motor and gear, or the voltage limit at nominal current."""
     motor = parameters.motor
     emf = motor.torque_constant_n_m_a / 3.0
     drop = motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a
-    return min(motor.max_speed_rad_s, (phase_voltage_max(parameters) - drop) / emf)
+    return min(parameters.shaft_speed_max_rad_s, (phase_voltage_max(parameters) - drop) / emf)
 
 
 def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:

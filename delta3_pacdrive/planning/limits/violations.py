@@ -11,6 +11,7 @@ import numpy as np
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.limits.joint_forces import force_demands
 from delta3_pacdrive.planning.limits.limits import AXES, Where, phase_voltage_max, place_text
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
 
@@ -24,6 +25,13 @@ class Limited(StrEnum):
     MOTOR_SPEED = 'speed of motor'
     MOTOR_VOLTAGE = 'voltage of motor'
     MOTOR_CURRENT = 'current of motor'
+    GEAR_TORQUE = 'torque of gear'
+    ROD_FORCE = 'force of the rods of arm'
+    SPRING_FORCE = 'spring force needed by the joints of arm'
+    PLATE_MOMENT = 'tilting moment of the plate'
+
+
+_OF_JOINTS = {'rod': Limited.ROD_FORCE, 'spring': Limited.SPRING_FORCE, 'moment': Limited.PLATE_MOMENT}
 
 
 class Comparison(NamedTuple):
@@ -94,7 +102,7 @@ def compared(
 
     ``limits`` are those of TCP speed [m/s], acceleration [m/s^2] and jerk [m/s^3], shapes (n,).
     """
-    entries = list(_motor_stretches(dynamics, parameters))
+    entries = [*_motor_stretches(dynamics, parameters), *_joint_stretches(dynamics, parameters)]
     tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
     names = ((Limited.TCP_SPEED, 'm/s'), (Limited.TCP_ACCELERATION, 'm/s2'), (Limited.TCP_JERK, 'm/s3'))
     of_robot = np.full(len(tcp[0]), parameters.motion.tcp_speed_limit_m_s)
@@ -114,17 +122,42 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     voltage_max = phase_voltage_max(parameters)
     standing = dynamics.standing_current_a
     moving = dynamics.motor_current_a - standing
-    with np.errstate(divide='ignore', invalid='ignore'):
-        room = motor.peak_current_a - np.abs(standing)
-        current = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
-    # a sum above the peak only because both shares were counted with the same sign is within the limit
-    over = amperes > motor.peak_current_a
-    current = np.where(over, np.maximum(current, 1.0), amperes / motor.peak_current_a)
-    quantities = (
-        (rpm / motor.max_speed_rpm, Limited.MOTOR_SPEED, 'rpm', rpm, motor.max_speed_rpm),
+    current = _stretch(moving, standing, amperes, motor.peak_current_a)
+    highest = parameters.shaft_speed_max_rpm
+    quantities = [
+        (rpm / highest, Limited.MOTOR_SPEED, 'rpm', rpm, highest),
         (volts / voltage_max, Limited.MOTOR_VOLTAGE, 'V', volts, voltage_max),
         (current, Limited.MOTOR_CURRENT, 'A', amperes, motor.peak_current_a),
-    )
+    ]
+    if parameters.gear.limit_moves:
+        torque, weight = np.abs(dynamics.gear_torque_n_m), dynamics.standing_gear_torque_n_m
+        limit = parameters.gear_torque_max_n_m
+        gear = _stretch(dynamics.gear_torque_n_m - weight, weight, torque, limit)
+        quantities.append((gear, Limited.GEAR_TORQUE, 'N m', torque, limit))
     for axis in range(AXES):
         for stretch, name, unit, values, limit in quantities:
             yield Comparison(stretch[:, axis], name, axis + 1, unit=unit, value=values[:, axis], limit=limit)
+
+
+def joint_stretch(dynamics: PathDynamics, parameters: Parameters) -> Floats:
+    """Return the time factor that the limits of rods, ball joints and plate need, shape (n,); below 1 within them."""
+    return np.asarray(np.maximum.reduce([one.stretch for one in _joint_stretches(dynamics, parameters)]))
+
+
+def _joint_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator[Comparison]:
+    if not parameters.joints.limit_moves:
+        return
+    for one in force_demands(dynamics.tcp_motion_m, dynamics.payload_kg, parameters):
+        stretch = _stretch(one.moving, one.standing, one.value, one.limit)
+        yield Comparison(
+            stretch, _OF_JOINTS[one.quantity], one.arm, unit=one.unit, value=one.value, limit=one.limit
+        )
+
+
+def _stretch(moving: Floats, standing: Floats, amount: Floats, limit: float) -> Floats:
+    """Return the time factor that a torque, current or force needs: its ``moving`` part falls with the square."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        room = limit - np.abs(standing)
+        stretch = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
+    # a sum above the limit only because both parts were counted with the same sign is within the limit
+    return np.where(amount > limit, np.maximum(stretch, 1.0), amount / limit)

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.dynamics import inertia, motion_terms, multiply
+from delta3_pacdrive.dynamics import inertia, motion_terms, multiply, rotor_inertia
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.kinematics import (
     arm_angles,
@@ -173,10 +173,14 @@ class PathDynamics:
     motor_speed_rad_s: Floats
     motor_current_a: Floats
     standing_current_a: Floats  # part of the current for weight and friction, independent of the speed
+    gear_torque_n_m: Floats  # at the outputs of the gears
+    standing_gear_torque_n_m: Floats  # part of it for the weight
     phase_voltage_v: Floats
     tcp_speed_m_s: Floats
     tcp_acceleration_m_s2: Floats
     tcp_jerk_m_s3: Floats
+    tcp_motion_m: Floats  # position, velocity and acceleration of the TCP, shape (n, 3, 3)
+    payload_kg: Floats | None = None  # shape (n,); None: that of the parameters
 
 
 def tcp_motion(
@@ -216,10 +220,29 @@ def moving_torque(master: Floats, coefficients: Floats) -> Floats:
     )
 
 
+def gear_coefficients(coefficients: Floats, parameters: Parameters) -> tuple[Floats, Floats, Floats]:
+    """Return the inertial, centrifugal and weight torque at the outputs of the gears, (n, 3) each: without rotors."""
+    rotor, ratio = rotor_inertia(parameters), parameters.dynamics.gear_ratio
+    c = coefficients
+    return (
+        ratio * c[:, INERTIAL] - rotor * c[:, RATE],
+        ratio * c[:, CENTRIFUGAL] - rotor * c[:, CURVATURE],
+        ratio * c[:, WEIGHT],
+    )
+
+
 def timed_dynamics(
-    time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
+    time_s: Floats,
+    master: Floats,
+    samples: Floats,
+    coefficients: Floats,
+    parameters: Parameters,
+    payload_kg: Floats | None = None,
 ) -> PathDynamics:
-    """Return the demand for a master (n, 4) of distance, speed, acceleration, jerk, with friction (4.27)."""
+    """Return the demand for a master (n, 4) of distance, speed, acceleration, jerk, with friction (4.27).
+
+    ``payload_kg`` (n,) is the payload at each sample (default: that of the parameters).
+    """
     motor = parameters.motor
     torque = moving_torque(master, coefficients)
     motor_speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio
@@ -229,5 +252,12 @@ def timed_dynamics(
     current = torque / motor.torque_constant_n_m_a + standing
     # rms per phase: resistance and back-EMF; the inductance adds less than 1 V at these rates of change
     voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed
-    motors = motor_speed, current, standing, voltage
-    return PathDynamics(time_s, master[:, 0], samples[:, 0], *motors, *tcp_motion(samples, *master.T[1:]))
+    inertial, centrifugal, weight = gear_coefficients(coefficients, parameters)
+    gear = inertial * master[:, 2:3] + centrifugal * master[:, 1:2] ** 2 + weight
+    motors = motor_speed, current, standing, gear, weight, voltage
+    motion = samples[:, :3].copy()
+    motion[:, 1] *= master[:, 1, None]
+    motion[:, 2] *= master[:, 1, None] ** 2
+    motion[:, 2] += samples[:, 1] * master[:, 2, None]
+    of_tcp = tcp_motion(samples, *master.T[1:])
+    return PathDynamics(time_s, master[:, 0], samples[:, 0], *motors, *of_tcp, motion, payload_kg)

@@ -19,6 +19,7 @@ from delta3_pacdrive.planning.paths.path_dynamics import (
     RATE,
     WEIGHT,
     PathDynamics,
+    gear_coefficients,
     tcp_motion,
     timed_dynamics,
 )
@@ -107,6 +108,7 @@ class MovePlanner:
         )
         self.distance, self.places, self.samples, payload, limits = grid_data(request)
         speed, self.acceleration, self.jerk = limits
+        self._carried_kg = np.asarray(carried)[payload]
         self.speed = np.minimum(speed, self._parameters.motion.tcp_speed_limit_m_s)
         self._coefficients = legal_coefficients(
             self.places,
@@ -126,7 +128,12 @@ class MovePlanner:
 
     def _dynamics(self, phases: Floats) -> PathDynamics:
         times, master = self._master(phases)
-        return timed_dynamics(times, master, self.samples, self._coefficients, self._parameters)
+        return self._demand_of(times, master)
+
+    def _demand_of(self, times: Floats, master: Floats) -> PathDynamics:
+        """Return the demand for times and master at the grid points."""
+        robot = self._parameters
+        return timed_dynamics(times, master, self.samples, self._coefficients, robot, self._carried_kg)
 
     def _master(self, phases: Floats) -> tuple[Floats, Floats]:
         """Return times and master at the grid points, shapes (n,) and (n, 4)."""
@@ -153,6 +160,7 @@ class MovePlanner:
                 np.sqrt(CURVATURE_SHARE * acceleration / second),
                 (JERK_SHARE * self.jerk[::2] / third) ** (1.0 / 3.0),
             ]
+        loads = [coefficients[:, INERTIAL], coefficients[:, CENTRIFUGAL], coefficients[:, WEIGHT]]
         torque = np.full((len(speed), 3), np.inf)
         if with_motors:
             shaft = np.abs(coefficients[:, RATE]) * self._parameters.dynamics.gear_ratio
@@ -161,14 +169,19 @@ class MovePlanner:
             fastest = np.minimum.reduce(caps)[:, None]
             friction = motor.static_friction_n_m + motor.viscous_friction_n_m_s_rad * shaft * fastest
             torque = motor.torque_constant_n_m_a * motor.peak_current_a - friction
+            if self._parameters.gear.limit_moves:
+                gears = gear_coefficients(coefficients, self._parameters)
+                loads = [np.concatenate(pair, axis=1) for pair in zip(loads, gears, strict=True)]
+                limit = np.full((len(speed), 3), self._parameters.gear_torque_max_n_m)
+                torque = np.concatenate([torque, limit], axis=1)
         return time_parametrization.PlaceLimits(
             self.distance,
             np.minimum.reduce(caps),
             acceleration,
             curvature_1_m=second,
-            inertial=np.ascontiguousarray(coefficients[:, INERTIAL]),
-            centrifugal=np.ascontiguousarray(coefficients[:, CENTRIFUGAL]),
-            weight=np.ascontiguousarray(coefficients[:, WEIGHT]),
+            inertial=np.ascontiguousarray(loads[0]),
+            centrifugal=np.ascontiguousarray(loads[1]),
+            weight=np.ascontiguousarray(loads[2]),
             torque_n_m=torque,
         )
 
@@ -317,7 +330,7 @@ class MovePlanner:
         """Evaluate standstill at every grid point."""
         master = np.zeros((len(self.places), 4))
         master[:, 0] = self.places
-        return timed_dynamics(master[:, 1], master, self.samples, self._coefficients, self._parameters)
+        return self._demand_of(master[:, 1], master)
 
     def stretch(self, phases: Floats) -> tuple[float, str]:
         """Return the time stretch that a master requires, below 1 if all limits are kept, and the worst violation."""

@@ -22,7 +22,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.limits import legal_coefficients, phase_voltage_max
-from delta3_pacdrive.planning.limits.violations import limit_violation, require_holdable
+from delta3_pacdrive.planning.limits.violations import joint_stretch, limit_violation, require_holdable
 from delta3_pacdrive.planning.paths.curves import Curve
 from delta3_pacdrive.planning.paths.path import sample_path
 from delta3_pacdrive.planning.paths.path_dynamics import (
@@ -30,6 +30,7 @@ from delta3_pacdrive.planning.paths.path_dynamics import (
     INERTIAL,
     RATE,
     WEIGHT,
+    gear_coefficients,
     path_coefficients,
 )
 from delta3_pacdrive.planning.timing import time_optimal
@@ -42,6 +43,7 @@ from delta3_pacdrive.planning.timing.time_parametrization import slowed
 USED = 0.999  # of the motor limits, with a reserve for maxima between two grid points
 # torque overshoots between grid points increase with the payload: additional reserve
 LIGHT_KG, LESS_PER_KG = 4.0, 0.0035
+JOINT_ROUNDS_MAX = 6  # of planning, with a lower limit of the acceleration where joints are overloaded
 ROUNDS_MAX = 4  # of planning, with a lower jerk limit where it was exceeded between two grid points
 SPREAD = 1  # number of grid points around such a position
 CHANGE = 0.05  # largest relative change of y between two grid points, in addition to the grading of the grid
@@ -75,6 +77,7 @@ class TimeOptimalPlanner(MovePlanner):
         self._torque_rate = torque_rate_n_m_s
         heaviest_kg = max(payload_kg for _, payload_kg in payloads)
         self._torque_used = USED - LESS_PER_KG * max(heaviest_kg - LIGHT_KG, 0.0)
+        self._with_gears = False  # whether the torques of the gears are limited
         self._parameter = path_parameter(curve)
         self._samples = sample_path(self._parameter.distance_m, curve.segments)
         self._piece = np.searchsorted(curve.segments[:, 0], self._parameter.distance_m, side='right') - 1
@@ -106,11 +109,20 @@ class TimeOptimalPlanner(MovePlanner):
         demand, jerk_share = self._demand(), np.ones(points)
         before: Floats | None = None
         best, chosen = math.inf, np.empty((0, 5))
+        # an inactive bound changes the result by its rounding: those of TCP speed and gears apply only if needed
         spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
         highest = self._parameters.motion.tcp_speed_limit_m_s
         if len(spline) and _phases(spline, self._parameter)[:, 2].max() > highest:
-            # an inactive bound changes the result by its rounding: apply it only if needed
             self._limits = (np.minimum(self._limits[0], highest), *self._limits[1:])
+            demand = self._demand()
+            spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
+        if len(spline) and self._exceeds_gears(spline):
+            self._with_gears = True
+            demand = self._demand()
+            spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
+        for _ in range(JOINT_ROUNDS_MAX):
+            if not len(spline) or not self._relieves_joints(spline):
+                break
             demand = self._demand()
             spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
         for n in range(ROUNDS_MAX):
@@ -129,6 +141,36 @@ class TimeOptimalPlanner(MovePlanner):
             jerk_share /= _widened(np.maximum(stretch, 1.0)) ** 3
             before = spline / found**2
         return chosen
+
+    def _exceeds_gears(self, spline: Floats) -> bool:
+        """Return whether a motion exceeds the acceleration torque of a gear."""
+        if not self._parameters.gear.limit_moves:
+            return False
+        found = self.dynamics(_phases(spline, self._parameter)).gear_torque_n_m
+        return bool(np.abs(found).max() > self._parameters.gear_torque_max_n_m)
+
+    def _relieves_joints(self, spline: Floats) -> bool:
+        """Lower the limit of the TCP acceleration where a motion overloads rods, joints or plate; whether it does."""
+        if not self._parameters.joints.limit_moves:
+            return False
+        d = self.dynamics(_phases(spline, self._parameter))
+        found = self._at_parameter(worse_of_both(joint_stretch(d, self._parameters)))
+        if found.max() <= NEARLY_KEPT:
+            return False
+        reached = self._at_parameter(worse_of_both(d.tcp_acceleration_m_s2))
+        allowed = np.where(found > 1.0, reached / _widened(found) ** 2, np.inf)
+        speed, acceleration, jerk = self._limits
+        self._limits = speed, np.minimum(acceleration, allowed), jerk
+        return True
+
+    def _at_parameter(self, values: Floats) -> Floats:
+        """Return values on the grid of distances, at least the adjacent ones, at the grid points of the parameter."""
+        distance = self._parameter.distance_m
+        found = np.interp(distance, self.distance, values)
+        after = np.searchsorted(distance, self.distance)
+        np.maximum.at(found, after, values)
+        np.maximum.at(found, np.maximum(after - 1, 0), values)
+        return found
 
     def torque_rates(self, phases: Floats) -> Floats:
         """Return the torque rate of each motor [N m/s] at both ends of each grid step, (n - 1, 2, 3), without friction.
@@ -176,9 +218,15 @@ class TimeOptimalPlanner(MovePlanner):
         voltage[:, :, 3] += motor.torque_constant_n_m_a / 3.0 * shaft
         peak = motor.torque_constant_n_m_a * motor.peak_current_a
         volts = phase_voltage_max(self._parameters)
-        bounded = np.concatenate([torque / peak / self._torque_used, voltage / volts / USED], axis=1)
+        bounds = [torque / peak / self._torque_used, voltage / volts / USED]
+        if self._with_gears:
+            inertial, centrifugal, weight = gear_coefficients(c, self._parameters)
+            per_gear = inertial * s2 + centrifugal * s1**2
+            gears = np.stack([per_gear, 0.5 * inertial * s1, weight, np.zeros_like(weight)], axis=2)
+            bounds.append(gears / self._parameters.gear_torque_max_n_m / self._torque_used)
+        bounded = np.concatenate(bounds, axis=1)
         with np.errstate(divide='ignore'):
-            turns = (USED * motor.max_speed_rad_s / np.abs(shaft)).min(axis=1)
+            turns = (USED * self._parameters.shaft_speed_max_rad_s / np.abs(shaft)).min(axis=1)
             square_max = np.minimum(np.minimum(turns, speed / p.first), math.sqrt(SPEED_MAX)) ** 2
         _, first, second, third = np.moveaxis(self._samples, 1, 0)
         count = len(p.u)
@@ -217,11 +265,7 @@ class TimeOptimalPlanner(MovePlanner):
         """Return the time stretch that each grid point of the parameter needs to respect all limits."""
         found = self.limit_violation(self.dynamics(phases))
         places = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
-        distance = self._parameter.distance_m
-        stretch = np.interp(distance, self.distance, places)
-        after = np.searchsorted(distance, self.distance)
-        np.maximum.at(stretch, after, places)
-        np.maximum.at(stretch, np.maximum(after - 1, 0), places)
+        stretch = self._at_parameter(places)
         if math.isfinite(self._torque_rate):
             needed = np.cbrt(np.abs(self.torque_rates(phases)).max(axis=(1, 2)) / self._torque_rate)
             stretch[1:] = np.maximum(stretch[1:], needed)

@@ -41,9 +41,9 @@ MERGED = 1e-10  # largest relative error of distance and speed for merging phase
 
 
 class PlaceLimits(NamedTuple):
-    """Limits on a grid of distances, arrays (n,) or, for the last four, (n, 3).
+    """Limits on a grid of distances, arrays (n,) or, for the last four, (n, torques).
 
-    TCP acceleration a_t and speed v satisfy v <= speed and hypot(a_t, curvature v^2) <= acceleration, the motors
+    TCP acceleration a_t and speed v satisfy v <= speed and hypot(a_t, curvature v^2) <= acceleration, motors and gears
     -torque <= inertial a_t + centrifugal v^2 + weight <= torque.
     """
 
@@ -51,7 +51,7 @@ class PlaceLimits(NamedTuple):
     speed_m_s: Floats
     acceleration_m_s2: Floats
     curvature_1_m: Floats
-    inertial: Floats  # motor torques per acceleration [N s^2]
+    inertial: Floats  # torques per acceleration [N s^2]
     centrifugal: Floats  # per square of the speed [N s^2/m]
     weight: Floats  # at rest [N m]
     torque_n_m: Floats
@@ -66,7 +66,7 @@ def _acceleration_bounds(n, x, limits):
         return 1.0, -1.0
     high = np.sqrt(square)
     low = -high
-    for i in range(3):
+    for i in range(limits.inertial.shape[1]):
         m = limits.inertial[n, i]
         rest = limits.centrifugal[n, i] * x + limits.weight[n, i]
         torque = limits.torque_n_m[n, i]

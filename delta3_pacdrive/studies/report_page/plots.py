@@ -28,6 +28,7 @@ DERIVED = {
     'master_speed': ('m/s', 'speed of the virtual master'),
     'master_acceleration': ('m/s2', 'acceleration of the virtual master'),
     'tcp_acceleration_norm': ('m/s2', 'acceleration of the actual TCP, norm'),
+    'gear_torque': DERIVED_SIGNALS['gear_torque'],
     'jacobian_condition': ('1', 'condition number of J at the TCP of the command'),
     'jacobian_speed': ('m/s', 'speed of the TCP of the command'),
     'jacobian_acceleration': ('m/s2', 'acceleration of the TCP of the command'),
@@ -39,7 +40,8 @@ USUAL = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNA
 
 def is_shown(name: str) -> bool:
     """Return whether a page shows a signal unchanged; of some it shows the norm or single columns."""
-    return name not in DERIVED_SIGNALS and name not in APART and quantities.unit_of(name) is not None
+    computed = name in DERIVED_SIGNALS and name not in DERIVED
+    return not computed and name not in APART and quantities.unit_of(name) is not None
 
 
 def quantity(name: str) -> tuple[str, str]:
@@ -130,6 +132,7 @@ PLOTS = (
         AXES,
     ),
     Plot('Current in the AT', 'A', 1.0, (('current', ACTUAL),), AXES, shown=False),
+    Plot('Gear torque', 'N m', 1.0, (('gear_torque', ACTUAL),), AXES, shown=False),
     Plot('Following error of the arms', 'deg', DEG, (('following_error', ACTUAL),), AXES),
     Plot('Arm speed', 'deg/s', DEG, (('motor_speed', ACTUAL),), AXES, of_arm=True),
     Plot(

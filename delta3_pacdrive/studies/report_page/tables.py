@@ -16,8 +16,9 @@ from delta3_pacdrive.studies.report_page.document import signals_of
 from delta3_pacdrive.studies.report_page.plots import PLOTS, quantity
 from delta3_pacdrive.studies.report_page.surroundings import first_cycle, shown_stays
 from delta3_pacdrive.studies.runs.alignment import BY_CORRELATION
+from delta3_pacdrive.studies.runs.derived_signals import added
 from delta3_pacdrive.studies.runs.run_comparison import Comparison, driven_currents, move_figures
-from delta3_pacdrive.studies.runs.run_signals import energy_of_round
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round, gears_of_round
 from delta3_pacdrive.studies.runs.run_supply import supply_of_run
 from delta3_pacdrive.studies.runs.runs import Run, named
 
@@ -205,7 +206,7 @@ def _currents(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 
 def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return the energy of each run, if known."""
+    """Return energy and load of the gears of each run, if known."""
     lines = []
     for run, name in zip(runs, names, strict=True):
         repeat = run.whole.meta.get('repeat', 1)
@@ -215,6 +216,11 @@ def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
             lines.append(f'<p>Energy{whose}: {escape(found.text(repeat))}.</p>')
             if (supply := supply_of_run(run.whole, run.robot)) is not None:
                 lines += [f'<p>{row.capitalize()}{whose}: {escape(text)}.</p>' for row, text in supply.rows()]
+        gears = gears_of_round(added(run.whole), run.robot)
+        if gears is not None:
+            whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''
+            lines.append(f'<p>Gears{whose}: {escape("; ".join(gears.lines(run.robot.gear)))}.</p>')
+            lines += [f'<p><b>Warning</b>: {escape(one)}.</p>' for one in gears.warnings(run.robot.gear)]
     return ''.join(lines)
 
 

@@ -6,15 +6,23 @@ available wherever the command is, in recordings and in simulations.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.recording.signals import JOINT_MOTION
+from delta3_pacdrive.recording.signals import FORCES, JOINT_MOTION
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.runs.run_signals import SLOPE_S, cycles_of, derivatives, noted_cycle, positive
+from delta3_pacdrive.studies.runs.run_signals import (
+    SLOPE_S,
+    cycles_of,
+    derivatives,
+    energy_of_round,
+    gears_of_round,
+    noted_cycle,
+    positive,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -22,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.parameters import Parameters
 
 GAP_CYCLES = 1000  # longer gaps are shortened to this many rows
 LOST_MAX = 5  # missing cycles in a row that derivatives bridge
@@ -52,7 +61,22 @@ def derived(trace: Trace) -> dict[str, Floats]:
         wide = max(1, round(SLOPE_S / period))
         found['tcp_velocity'] = _derivatives(place, period, 1)[0][rows]
         found['tcp_acceleration'] = _derivatives(place, period, wide)[1][rows]
+    of_plant = 'coupling_torque' in trace.signals and 'shaft_speed' in trace.signals
+    if of_plant and (robot := _robot_of(trace)) is not None:
+        found['gear_torque'] = gear_torques(trace, rows, period, robot)
     return {name: values for name, values in found.items() if name not in trace.signals}
+
+
+def loads_of_round(trace: Trace, robot: Parameters, repeat: int) -> dict[str, Any]:
+    """Return energy of a round, load of the gears, and load of a modelled supply for JSON, as far as they are known."""
+    from delta3_pacdrive.studies.runs.run_supply import supply_of_run  # slow import: needs the compiler
+
+    found = {
+        'energy': energy_of_round(trace, robot, repeat),
+        'gears': gears_of_round(added(trace), robot),
+        'supply': supply_of_run(trace, robot),
+    }
+    return {name: asdict(one) for name, one in found.items() if one is not None}
 
 
 def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
@@ -62,6 +86,8 @@ def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
         found['tcp_speed'] = np.linalg.norm(trace['tcp_velocity'], axis=1, keepdims=True)
     if wanted := [name for name in JOINT_MOTION if name in names and name not in trace.signals]:
         found |= {name: values for name, values in _joint_motion(trace).items() if name in wanted}
+    if wanted := [name for name in FORCES if name in names and name not in trace.signals]:
+        found |= {name: values for name, values in _forces(trace).items() if name in wanted}
     changes = trace.meta.get('drive_status')
     if 'status_word' in names and changes:
         found['status_word'] = np.column_stack([_words(cycles_of(trace), own) for own in changes])
@@ -75,18 +101,60 @@ def _joint_motion(trace: Trace) -> dict[str, Floats]:
     """
     from delta3_pacdrive.control.cycle.joint_motion import joint_motions  # slow import: needs the compiler
     from delta3_pacdrive.kinematics import geometry
-    from delta3_pacdrive.parameters import from_flat
 
-    try:
-        robot = from_flat(dict(trace.meta['parameters']), 'the parameters of the recording')
-    except (ParameterError, LookupError, TypeError, ValueError):  # missing, or of another version
-        return {}
-    if 'tcp_command' not in trace.signals:
+    robot = _robot_of(trace)
+    if robot is None or 'tcp_command' not in trace.signals:
         return {}
     period = positive(trace, 'cycle_time_s')
     rows = _rows(cycles_of(trace))
     places = np.pad(_without_gaps(trace['tcp_command'], rows), ((1, 1), (0, 0)), mode='edge')
     return {name: values[rows] for name, values in joint_motions(places, period, geometry(robot)).items()}
+
+
+def _robot_of(trace: Trace) -> Parameters | None:
+    """Return the parameters of a recording; None if they are missing, or of another version."""
+    from delta3_pacdrive.parameters import from_flat
+
+    try:
+        return from_flat(dict(trace.meta['parameters']), 'the parameters of the recording')
+    except (ParameterError, LookupError, TypeError, ValueError):
+        return None
+
+
+def gear_torques(trace: Trace, rows: NDArray[np.int64], period_s: float, robot: Parameters) -> Floats:
+    """Return the torques at the outputs of the gears [N m]: k_r d + (A_bar - I_rotor) thetaddot (4.31), (cycles, 3).
+
+    ``rows`` are the grid rows of the cycles. End stops are not included.
+    """
+    from delta3_pacdrive.dynamics import rotor_inertia  # slow import: needs the compiler
+
+    ratio = robot.dynamics.gear_ratio
+    speed = _without_gaps(trace['shaft_speed'], rows, LOST_MAX) / ratio
+    acceleration = _derivatives(speed, period_s, 1)[0][rows]
+    inertia = robot.drive.observer_arm_inertia_kg_m2 - rotor_inertia(robot)
+    return np.asarray(ratio * trace['coupling_torque'] + inertia * acceleration)
+
+
+def _forces(trace: Trace) -> dict[str, Floats]:
+    """Return the forces of the commanded motion; empty if the trace contains no command or no robot parameters.
+
+    The payload is that of the trace if it contains it, otherwise that of the parameters.
+    """
+    from delta3_pacdrive.planning.limits.joint_forces import joint_forces  # slow import: needs the compiler
+
+    robot = _robot_of(trace)
+    if robot is None or 'tcp_command' not in trace.signals:
+        return {}
+    period, rows = positive(trace, 'cycle_time_s'), _rows(cycles_of(trace))
+    place = _without_gaps(trace['tcp_command'], rows)
+    speed, acceleration = _derivatives(place, period, 1)
+    payload = trace['payload'][:, 0] if 'payload' in trace.signals else None
+    found = joint_forces(place[rows], speed[rows], acceleration[rows], robot, payload)
+    return {
+        'rod_force': found.larger_rods_n,
+        'spring_force': found.spring_n,
+        'plate_load': np.column_stack([found.plate_axial_n, found.plate_moment_n_m]),
+    }
 
 
 def _rows(cycles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@ time.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.energy import Energy, sampled_energy
+from delta3_pacdrive.planning.limits.gear_load import GearFigures, sampled_gear_load
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
@@ -198,7 +200,30 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
 
     Friction is that of the parameters; in a built robot the friction of the gears differs.
     """
-    if any(name not in trace.signals for name in NEEDED):
+    rows = _rows_of_program(trace, NEEDED, parameters)
+    if rows is None:
+        return None
+    first, last = rows
+    speed, mean, rms = (np.asarray(trace[name][first : last + 1], dtype=np.float64) for name in NEEDED)
+    # currents are averages over a cycle, speeds are values at its start
+    between = 0.5 * (speed[:-1] + speed[1:])
+    found = sampled_energy(trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2, parameters)
+    return found.times(1.0 / repeat)
+
+
+def gears_of_round(trace: Trace, parameters: Parameters) -> GearFigures | None:
+    """Return the figures of the gears for the program of a trace with derived signals; None if it is incomplete."""
+    rows = _rows_of_program(trace, ('shaft_speed', 'gear_torque'), parameters)
+    if rows is None:
+        return None
+    own = slice(rows[0], rows[1] + 1)
+    speed, torque = trace['shaft_speed'][own], trace['gear_torque'][own]
+    return sampled_gear_load(trace.time_s[own], speed, torque, parameters.gear).figures(parameters.gear)
+
+
+def _rows_of_program(trace: Trace, needed: Sequence[str], parameters: Parameters) -> tuple[int, int] | None:
+    """Return first and last row of the program; None if a cycle of it or a needed signal is missing."""
+    if any(name not in trace.signals for name in needed):
         return None
     start, end = (trace.meta.get(name) for name in ('start_cycle', 'end_cycle'))
     if start is None or end is None:
@@ -207,11 +232,7 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
     end = min(end, cycles[-1])
     if not cycles[0] <= start < end:
         return None
-    first, last = np.searchsorted(cycles, [start, end])
+    first, last = np.searchsorted(cycles, [start, end]).tolist()
     if cycles[first] != start or end - start != last - first:
         return None
-    speed, mean, rms = (np.asarray(trace[name][first : last + 1], dtype=np.float64) for name in NEEDED)
-    # currents are averages over a cycle, speeds are values at its start
-    between = 0.5 * (speed[:-1] + speed[1:])
-    found = sampled_energy(trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2, parameters)
-    return found.times(1.0 / repeat)
+    return first, last

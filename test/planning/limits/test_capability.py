@@ -81,10 +81,12 @@ def test_the_speed_in_every_direction_is_where_the_first_motor_reaches_its_maxim
 
 
 @pytest.mark.parametrize('payload_kg', [0.0, 0.5, 6.0])
+@pytest.mark.parametrize('gears', [np.inf, 160.0], ids=['motors', 'gears'])
 @pytest.mark.parametrize('current', ['peak_current_a', 'nominal_current_a'])
-def test_the_acceleration_in_every_direction_is_where_the_first_motor_has_its_current(
-    payload_kg, current, points, found, jacobians, directions, robot
+def test_the_acceleration_in_every_direction_is_where_the_first_motor_or_gear_is_at_its_limit(
+    payload_kg, current, gears, points, found, jacobians, directions, robot
 ):
+    robot = robot.replace(gear__limit_moves=gears < np.inf)
     loaded = robot.replace(dynamics__payload_mass_kg=payload_kg)
     motor, theta = loaded.motor, found.arm_angle_rad
     torque = loaded.dynamics.gear_ratio * (
@@ -96,14 +98,19 @@ def test_the_acceleration_in_every_direction_is_where_the_first_motor_has_its_cu
     unit = dynamics.inverse(theta, np.zeros(3), arm, loaded) - weight
     # |weight + a unit| = torque where a is largest, of both signs since every direction has its opposite
     largest = ((torque - np.abs(weight)) / np.abs(unit)).min(axis=-1)
+    behind_rotor = np.abs(unit - dynamics.rotor_inertia(loaded) * arm)
+    largest = np.minimum(largest, ((gears - np.abs(weight)) / behind_rotor).min(axis=-1))
     one = capability(points, robot, payload_kg=payload_kg)
     assert_least(
         one.acceleration_m_s2 if current == 'peak_current_a' else one.acceleration_nominal_m_s2, largest
     )
 
 
-@pytest.mark.parametrize('wanted', [0.0, 15.0, 120.0, 230.0])
-def test_one_gram_more_than_the_largest_payload_is_too_much(wanted, points, robot):
+@pytest.mark.parametrize(
+    ('wanted', 'gears'), [(0.0, True), (15.0, True), (80.0, True), (120.0, False), (230.0, False)]
+)
+def test_one_gram_more_than_the_largest_payload_is_too_much(wanted, gears, points, robot):
+    robot = robot.replace(gear__limit_moves=gears)
     found = capability(points, robot, acceleration_m_s2=wanted)
     most = np.minimum(found.payload_held_kg, found.payload_peak_kg)
     np.testing.assert_array_equal(found.payload_kg, np.minimum(most, PAYLOAD_MAX_KG))

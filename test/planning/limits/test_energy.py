@@ -17,7 +17,8 @@ def spinning(speed, current, duration_s):
     none, three = np.zeros(11), np.zeros((11, 3))
     speeds, currents = three.copy(), three.copy()
     speeds[:, 0], currents[:, 0] = speed, current
-    return PathDynamics(times, none, three, speeds, currents, three, three, none, none, none)
+    motion = np.zeros((11, 3, 3))
+    return PathDynamics(times, none, three, speeds, currents, *[three] * 4, none, none, none, motion)
 
 
 def test_the_nominal_current_makes_68_w_in_a_motor(robot):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.energy import Energy, energy
+from delta3_pacdrive.planning.limits.gear_load import GearLoad, gear_load
+from delta3_pacdrive.planning.limits.joint_forces import JointForces, joint_forces
 from delta3_pacdrive.planning.limits.limits import arm_bounds, workspace_bounds
 from delta3_pacdrive.planning.limits.supply import load_of_motion
 from delta3_pacdrive.planning.paths.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
@@ -63,6 +66,7 @@ class _Part:
     samples: Floats
     coefficients: Floats
     dynamics: PathDynamics
+    forces: JointForces
     limits: tuple[Floats, Floats, Floats] | None  # speed, acceleration and jerk of the TCP
     limiters: tuple[Limiter, ...]
     leading: NDArray[np.int64]  # index of the leading limiter
@@ -75,12 +79,12 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
     in_all = sum(_steps(planned.plan.moves[number]) for number in numbers)
     stride = -(-in_all // SAMPLES_KEPT)
     rows, pieces, distance_m = [], [], 0.0
-    energies: dict[int, Energy] = {}
+    loads: dict[int, _Loads] = {}
     motions: list[tuple[Floats, Floats, Floats]] = []
     for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
-        energies[number] = energy(part.dynamics, parameters)
+        loads[number] = _loads(part, parameters)
         motions.append(
             (start_s + part.dynamics.time_s, part.dynamics.motor_current_a, part.dynamics.motor_speed_rad_s)
         )
@@ -93,17 +97,29 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
     if parameters.supply.enabled and motions:
         time_s, current_a, speed_rad_s = (np.concatenate(one) for one in zip(*motions, strict=True))
         load = load_of_motion(time_s, current_a, speed_rad_s, parameters)
-    of_round = _energy_of_round(planned, energies, parameters)
-    return PlanStudy(planned, _joined(pieces), tuple(rows), of_round, load)
+    return PlanStudy(
+        planned, _joined(pieces), tuple(rows), *_of_round(planned, loads, parameters), supply=load
+    )
 
 
-def _energy_of_round(planned: Planned, known: dict[int, Energy], parameters: Parameters) -> Energy:
-    """Return the mean energy per round; ``known`` contains energies of moves by number."""
-    total = Energy()
+class _Loads(NamedTuple):
+    """Additive loads of a move."""
+
+    energy: Energy
+    gears: GearLoad
+
+
+def _loads(part: _Part, parameters: Parameters) -> _Loads:
+    return _Loads(energy(part.dynamics, parameters), gear_load(part.dynamics, parameters))
+
+
+def _of_round(planned: Planned, known: dict[int, _Loads], parameters: Parameters) -> _Loads:
+    """Return the mean loads per round; ``known`` contains those of moves by number."""
+    energies, gears = Energy(), GearLoad(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
     for number, count in zip(*np.unique(planned.plan.tables.order, return_counts=True), strict=True):
-        one = known.get(int(number)) or energy(_part(planned, int(number), parameters).dynamics, parameters)
-        total = total + one.times(float(count))
-    return total.times(1.0 / planned.repeat)
+        one = known.get(int(number)) or _loads(_part(planned, int(number), parameters), parameters)
+        energies, gears = energies + one.energy.times(float(count)), gears + one.gears.times(float(count))
+    return _Loads(energies.times(1.0 / planned.repeat), gears.times(1.0 / planned.repeat))
 
 
 def of_program(program: Program, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
@@ -122,7 +138,8 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     samples = move.sample(master[:, 0])
     payload, carried = _payloads(move, master[:, 0])
     coefficients = path_coefficients(samples, payload, carried, parameters)
-    dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
+    kilograms = np.asarray(carried)[payload]
+    dynamics = timed_dynamics(times, master, samples, coefficients, parameters, kilograms)
     limits = limits_at(master[:, 0], stretches) if stretches else None
     found, rate = (
         limiters.of_motion(dynamics, master, samples, limits, parameters),
@@ -144,10 +161,16 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
         samples=samples,
         coefficients=coefficients,
         dynamics=dynamics,
+        forces=joint_forces(*_of_tcp(dynamics), parameters, kilograms),
         limits=limits,
         limiters=found,
         leading=leading,
     )
+
+
+def _of_tcp(d: PathDynamics) -> tuple[Floats, Floats, Floats]:
+    """Return position, velocity and acceleration of the TCP."""
+    return d.tcp_motion_m[:, 0], d.tcp_motion_m[:, 1], d.tcp_motion_m[:, 2]
 
 
 def _steps(move: Move) -> int:
@@ -244,6 +267,11 @@ def _row(
         motor_speed_max_rad_s=_of_axes(np.abs(d.motor_speed_rad_s).max(axis=0)),
         motor_torque_max_n_m=_of_axes(torque * np.abs(d.motor_current_a).max(axis=0)),
         motor_current_rms_a=_of_axes(np.sqrt(weights @ d.motor_current_a**2)),
+        gear_torque_max_n_m=_of_axes(np.abs(d.gear_torque_n_m).max(axis=0)),
+        rod_force_max_n=_of_axes(np.abs(part.forces.rod_n).max(axis=(0, 2))),
+        spring_force_max_n=_of_axes(part.forces.spring_n.max(axis=0)),
+        plate_force_max_n=float(np.abs(part.forces.plate_axial_n).max()),
+        plate_moment_max_n_m=float(part.forces.plate_moment_n_m.max()),
         uses=tuple(uses),
         limited_by=_limited_by(uses, part.move, planned, parameters),
         distances=_distances(part, parameters),
@@ -395,6 +423,11 @@ def _piece(
         motor_speed_rad_s=d.motor_speed_rad_s,
         motor_torque_n_m=parameters.motor.torque_constant_n_m_a * d.motor_current_a,
         motor_current_a=d.motor_current_a,
+        gear_torque_n_m=d.gear_torque_n_m,
+        rod_force_n=part.forces.larger_rods_n,
+        spring_force_n=part.forces.spring_n,
+        plate_force_n=part.forces.plate_axial_n,
+        plate_moment_n_m=part.forces.plate_moment_n_m,
         used={quantity: _used(part, quantity) for quantity in LIMITING},
         leading=_leading(part, planned),
     )

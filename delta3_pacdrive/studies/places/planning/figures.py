@@ -45,7 +45,20 @@ MOVES_MARKED = 40  # maximum number of moves with marked boundaries
 QUANTITY_COLOURS = dict(
     zip(
         QUANTITIES,
-        (*COLOURS[:4], '#F0A030', COLOURS[5], NORM_COLOUR, '#17BECF', '#8C564B', '#CFCFCF', '#5B8C5A'),
+        (
+            *COLOURS[:4],
+            '#F0A030',
+            COLOURS[5],
+            '#6A3D9A',
+            '#B15928',
+            '#FB9A99',
+            '#1F78B4',
+            NORM_COLOUR,
+            '#17BECF',
+            '#8C564B',
+            '#CFCFCF',
+            '#5B8C5A',
+        ),
         strict=True,
     )
 )
@@ -193,10 +206,11 @@ def over_path(found: PlanStudy) -> Figure:
 
 
 def motors(found: PlanStudy, parameters: Parameters) -> Figure:
-    """Draw arm angles, motor speeds and motor torques including friction, with their limits."""
-    s, motor, k = found.samples, parameters.motor, parameters.kinematics
-    figure = figure_of_program('Arms and motors', found.planned.name, 6.8)
-    panels = column_of_panels(figure, ['arm angle [deg]', 'motor speed [rpm]', 'motor torque [N m]'])
+    """Draw arm angles, motor speeds, motor torques including friction, and gear torques, with their limits."""
+    s, motor, gear, k = found.samples, parameters.motor, parameters.gear, parameters.kinematics
+    figure = figure_of_program('Arms and motors', found.planned.name, 8.6)
+    names = ['arm angle [deg]', 'motor speed [rpm]', 'motor torque [N m]', 'gear torque [N m]']
+    panels = column_of_panels(figure, names)
     _mark_moves(found, panels)
     peak = motor.torque_constant_n_m_a * motor.peak_current_a
     nominal = motor.torque_constant_n_m_a * motor.nominal_current_a
@@ -204,6 +218,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
         (np.degrees(s.arm_angle_rad), (k.arm_angle_min_deg, k.arm_angle_max_deg)),
         (RPM * s.motor_speed_rad_s, (-motor.max_speed_rpm, motor.max_speed_rpm)),
         (s.motor_torque_n_m, (-peak, peak)),
+        (s.gear_torque_n_m, (-gear.acceleration_torque_n_m, gear.acceleration_torque_n_m)),
     )
     for axes, (values, bounds) in zip(panels, rows, strict=True):
         for i, colour in enumerate(AXIS_COLOURS):
@@ -216,6 +231,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
     panel_title(
         panels[2], 'dashed: limit (peak current), dotted: nominal current, where they are near', color=MUTED
     )
+    panel_title(panels[3], 'at the output; dashed: acceleration torque', color=MUTED)
     return figure
 
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from delta3_pacdrive.configuration.strict_reader import counted
 from delta3_pacdrive.control.motion_state import percent_allowed
 from delta3_pacdrive.parameters import Parameters
@@ -13,10 +15,18 @@ from delta3_pacdrive.robot.motor import share_text, thermal_warnings
 from delta3_pacdrive.studies.framework.columns import aligned, cells, csv_table, fill, named_lines, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table
 from delta3_pacdrive.studies.framework.residual_vibration import Swing
-from delta3_pacdrive.studies.places.planning.study import MoveRow, PlanStudy, Quantity, StatementRow, Use
+from delta3_pacdrive.studies.places.planning.study import (
+    MoveRow,
+    PlanStudy,
+    Quantity,
+    Samples,
+    StatementRow,
+    Use,
+)
 
 RPM, MM = 60.0 / math.tau, 1e3
 NAME_LENGTH = 30  # least width of names in the table
+KEPT = 1.0 + 2e-3  # tolerance for maxima between two samples of the planner
 INDENT = '  '  # of the statements of a sequence
 WHOLE = (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY)  # may determine the duration of a whole move
 ALIGNS = '><<>>>>>>><'
@@ -41,13 +51,43 @@ def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False
         'rms_current_used': max(planned.rms_current_a) / nominal,
         'energy': to_dict(found.energy),
         **({} if found.supply is None else {'supply': to_dict(found.supply)}),
+        'gears': to_dict(found.gears.figures(parameters.gear)),
         'override_max': planned.override_max,
         'rate': planned.rate,
         'used_max': to_dict(used_max(found)),
         'distances': nearest(found),
         'notices': list(planned.notices),
-        'warnings': thermal_warnings(planned.rms_current_a, nominal),
+        'warnings': warnings(found, parameters),
     }
+
+
+def warnings(found: PlanStudy, parameters: Parameters) -> list[str]:
+    """Return warnings of motors and gears that are overloaded by a plan."""
+    gear = parameters.gear
+    motors = thermal_warnings(found.planned.rms_current_a, parameters.motor.nominal_current_a)
+    return [*motors, *found.gears.figures(gear).warnings(gear), *_force_warnings(found, parameters)]
+
+
+def _force_warnings(found: PlanStudy, parameters: Parameters) -> list[str]:
+    """Return a warning for each limit of rods, ball joints and plate that a plan exceeds."""
+    s, joints, sentences = found.samples, parameters.joints, []
+    for number in range(3):
+        rod, spring = float(np.abs(s.rod_force_n[:, number]).max()), float(s.spring_force_n[:, number].max())
+        if rod > joints.rod_force_max_n * KEPT:
+            sentences.append(
+                f'a rod of arm {number + 1} carries {rod:.4g} N, the limit is {joints.rod_force_max_n:g} N'
+            )
+        if spring > joints.spring_force_n * KEPT:
+            sentences.append(
+                f'a ball joint of arm {number + 1} opens: it needs springs of {spring:.4g} N and has '
+                f'{joints.spring_force_n:g} N'
+            )
+    moment = float(s.plate_moment_n_m.max())
+    if moment > joints.plate_moment_max_n_m * KEPT:
+        sentences.append(
+            f'the payload tilts the plate with {moment:.4g} N m, the limit is {joints.plate_moment_max_n_m:g} N m'
+        )
+    return sentences
 
 
 def used_max(found: PlanStudy) -> dict[Quantity, float]:
@@ -133,6 +173,8 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
         ('rms current', f'{currents} A, {share_text(planned.rms_current_a, nominal, "nominal")}'),
         ('energy', found.energy.text(planned.repeat)),
         *(() if found.supply is None else found.supply.rows()),
+        *zip(('gears', ''), found.gears.figures(parameters.gear).lines(parameters.gear), strict=True),
+        *_force_rows(found.samples, parameters),
         (
             'used',
             ', '.join(f'{100.0 * share:.0f} % {quantity.value}' for share, quantity in used if share > 0.0),
@@ -141,8 +183,28 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     rows += _turn_rows(found.rows, parameters)
     rows += [(name, fill(text, nearest(found))) for name, text in DISTANCES]
     rows += [('note', notice) for notice in planned.notices]
-    rows += [('warning', warning) for warning in thermal_warnings(planned.rms_current_a, nominal)]
+    rows += [('warning', warning) for warning in warnings(found, parameters)]
     return [*lines, *named_lines(rows, 12)]
+
+
+def _force_rows(samples: Samples, parameters: Parameters) -> list[tuple[str, str]]:
+    """Return the extreme forces in rods and ball joints, and the load of the plate."""
+    limits, rods = parameters.joints, samples.rod_force_n
+    spring, axial, moment = (
+        float(one.max())
+        for one in (samples.spring_force_n, np.abs(samples.plate_force_n), samples.plate_moment_n_m)
+    )
+    return [
+        (
+            'rods',
+            f'{rods.min():.1f} to {rods.max():.1f} N (limit {limits.rod_force_max_n:g} N); the ball joints need '
+            f'springs of {max(spring, 0.0):.1f} N (they have {limits.spring_force_n:g} N)',
+        ),
+        (
+            'plate',
+            f'payload: {axial:.1f} N axial, {moment:.2f} N m tilting (limit {limits.plate_moment_max_n_m:g} N m)',
+        ),
+    ]
 
 
 def vibration(swings: Sequence[Swing]) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.energy import Energy
+from delta3_pacdrive.planning.limits.gear_load import GearLoad
 from delta3_pacdrive.planning.limits.supply import SupplyLoad
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
@@ -24,6 +25,10 @@ class Quantity(StrEnum):
     MOTOR_SPEED = 'motor speed'
     MOTOR_VOLTAGE = 'motor voltage'
     MOTOR_CURRENT = 'motor current'
+    GEAR_TORQUE = 'gear torque'
+    ROD_FORCE = 'rod force'
+    SPRING_FORCE = 'spring force'
+    PLATE_MOMENT = 'plate moment'
     TORQUE_RATE = 'torque rate'
     RMS_CURRENT = 'rms current'  # of the whole program
     TIME = 'time given'  # duration given by the program
@@ -62,6 +67,13 @@ class Samples:
     motor_speed_rad_s: Annotated[Floats, Column('motor speed {} [rad/s]')]
     motor_torque_n_m: Annotated[Floats, Column('motor torque {} [N m]')]
     motor_current_a: Floats
+    gear_torque_n_m: Annotated[Floats, Column('gear torque {} [N m]')]  # at the output
+    # of each arm: axial force in that rod where it is largest, tension positive; needed force of its springs
+    rod_force_n: Annotated[Floats, Column('rod force {} [N]')]
+    spring_force_n: Annotated[Floats, Column('spring force {} [N]')]
+    # of tool and payload on the plate
+    plate_force_n: Annotated[Floats, Column('plate axial force [N]')]
+    plate_moment_n_m: Annotated[Floats, Column('plate moment [N m]')]
     used: Annotated[dict[Quantity, Floats], Column('used: {}')]  # used share of each limit
     # index in Quantity of the limit that a faster motion would violate first
     leading: Annotated[NDArray[np.int64], Column('leading')]
@@ -124,6 +136,12 @@ class MoveRow:
     motor_speed_max_rad_s: Annotated[tuple[float, ...], Column('motor speed {} [rad/s]')]
     motor_torque_max_n_m: Annotated[tuple[float, ...], Column('motor torque {} [N m]')]
     motor_current_rms_a: Annotated[tuple[float, ...], Column('rms current {} [A]')]
+    gear_torque_max_n_m: Annotated[tuple[float, ...], Column('gear torque {} [N m]')]  # at the outputs
+    # of each arm: largest axial force of a rod, largest needed force of the springs; of tool and payload on the plate
+    rod_force_max_n: Annotated[tuple[float, ...], Column('rod force {} [N]')]
+    spring_force_max_n: Annotated[tuple[float, ...], Column('spring force {} [N]')]
+    plate_force_max_n: Annotated[float, Column('plate axial force [N]')]
+    plate_moment_max_n_m: Annotated[float, Column('plate moment [N m]')]
     limited_by: Annotated[Use, Column('{}')]
     uses: Annotated[tuple[Use, ...], Column(key='limits')]  # of all limits, the most limiting first
     # of each rotary axis; None if the move does not define the rotation
@@ -142,10 +160,11 @@ class MoveRow:
 
 @dataclass(frozen=True)
 class PlanStudy:
-    """Planned program with samples and rows of its first round, and the energy of a round."""
+    """Planned program with samples and rows of its first round, and energy and gear load of a round."""
 
     planned: Planned
     samples: Samples
     rows: tuple[MoveRow, ...]
     energy: Energy
+    gears: GearLoad
     supply: SupplyLoad | None = None  # of the first round by the arms; None without a model of the supply

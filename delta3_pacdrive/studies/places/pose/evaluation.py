@@ -10,6 +10,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import capability
+from delta3_pacdrive.planning.limits.joint_forces import joint_forces
 from delta3_pacdrive.planning.limits.limits import Bound, arm_bounds, workspace_bounds
 from delta3_pacdrive.studies.places.pose.study import Margin, Pose, Solution
 
@@ -89,6 +90,7 @@ def _pose(theta: Floats, point: Floats, solutions: tuple[Solution, ...], paramet
         capability=capability(point, parameters) if works else None,
         holding_torque_n_m=torque,
         holding_current_a=torque / per_ampere,
+        forces=joint_forces(point, np.zeros(3), np.zeros(3), parameters) if works else None,
     )
 
 

@@ -52,6 +52,8 @@ def document(pose: Pose, parameters: Parameters) -> dict[str, Any]:
         'holding_torque_n_m': torque,
         'holding_motor_torque_n_m': None if torque is None else torque / parameters.dynamics.gear_ratio,
         'holding_current_a': pose.holding_current_a,
+        'rod_force_n': None if pose.forces is None else pose.forces.rod_n[0],
+        'spring_force_n': None if pose.forces is None else pose.forces.spring_n[0],
     }
     for key, name in OF_CAPABILITY.items():
         result[key] = None if pose.capability is None else getattr(pose.capability, name)
@@ -79,6 +81,7 @@ def text(pose: Pose, parameters: Parameters) -> list[str]:
         rows += _jacobian_rows(pose)
     rows += _margin_rows(pose)
     rows += _load_rows(pose, parameters)
+    rows += _force_rows(pose, parameters)
     if pose.capability is not None:
         rows += _capability_rows(pose.capability, parameters)
     rows += _solution_rows(pose)
@@ -144,22 +147,35 @@ def _load_rows(pose: Pose, parameters: Parameters) -> Rows:
     if motor.brake_torque_n_m > 0.0:
         values['brake'] = np.abs(at_motor) / motor.brake_torque_n_m
         templates.append(f'{{brake:.1f %}} of the brake torque ({motor.brake_torque_n_m:g} N m)')
+    gear = parameters.gear
+    values['gear'] = np.abs(torque) / gear.nominal_torque_n_m
+    templates.append(f'{{gear:.1f %}} of the nominal torque of the gears ({gear.nominal_torque_n_m:g} N m)')
     return [('' if n else 'holding', fill(template, values)) for n, template in enumerate(templates)]
+
+
+def _force_rows(pose: Pose, parameters: Parameters) -> Rows:
+    if pose.forces is None:
+        return []
+    rods, spring = pose.forces.rod_n, max(float(pose.forces.spring_n.max()), 0.0)
+    text = f'{rods.min():.2f} to {rods.max():.2f} N in the rods at rest; the ball joints need springs of {spring:.2f} N'
+    return [('forces', f'{text} (they have {parameters.joints.spring_force_n:g} N)')]
 
 
 def _capability_rows(can: Capability, parameters: Parameters) -> Rows:
     wanted = parameters.motion.acceleration_max_m_s2
+    limit = parameters.gear.acceleration_torque_n_m
+    of_gears = f' ({limit:g} N m at the gears)' if parameters.gear.limit_moves else ''
     templates = (
         ('speed', '{speed_m_s:.3f} m/s in every direction'),
         (
             'acceleration',
-            '{acceleration_m_s2:.1f} m/s2 from rest in every direction at peak current, '
+            f'{{acceleration_m_s2:.1f}} m/s2 from rest in every direction at peak torque{of_gears}, '
             '{acceleration_nominal_m_s2:.1f} at nominal current',
         ),
         ('payload', f'{{payload_kg:.1f}} kg, the limit of the robot is {PAYLOAD_MAX_KG:g} kg'),
         (
             '',
-            'nominal current and brakes hold {payload_held_kg:.1f} kg at rest, peak current accelerates '
+            'nominal current and brakes hold {payload_held_kg:.1f} kg at rest, peak torque accelerates '
             f'{{payload_peak_kg:.1f}} kg with {wanted:g} m/s2',
         ),
         ('increment', '{increment_m:.3f um} at the TCP for one of each motor'),

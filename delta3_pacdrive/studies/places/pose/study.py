@@ -5,6 +5,7 @@ from typing import Annotated
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.capability import Capability
+from delta3_pacdrive.planning.limits.joint_forces import JointForces
 from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 
@@ -59,6 +60,7 @@ class Pose:
     capability: Capability | None = None  # only for the working branch
     holding_torque_n_m: Floats | None = None  # arm side, shape (3,)
     holding_current_a: Floats | None = None
+    forces: JointForces | None = None  # in rods and ball joints at rest, only for the working branch
 
     @property
     def is_reachable(self) -> bool:

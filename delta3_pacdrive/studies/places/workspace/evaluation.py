@@ -26,13 +26,13 @@ QUANTITIES = (
     Quantity('serial', 'distance from the serial singularity, least of the arms'),
     Quantity('parallel', 'distance from the parallel singularity'),
     Quantity('speed', 'TCP speed in every direction', 'm/s', 'm/s'),
-    Quantity('acceleration', 'TCP acceleration in every direction at peak current', 'm/s2', 'm/s2'),
+    Quantity('acceleration', 'TCP acceleration in every direction at peak torque', 'm/s2', 'm/s2'),
     Quantity(
         'acceleration_nominal', 'TCP acceleration in every direction at nominal current', 'm/s2', 'm/s2'
     ),
     Quantity('payload', 'payload within the limit of the robot', 'kg', 'kg'),
     Quantity('payload_held', 'payload held at rest by nominal current and brakes', 'kg', 'kg'),
-    Quantity('payload_peak', 'payload accelerated at peak current', 'kg', 'kg'),
+    Quantity('payload_peak', 'payload accelerated at peak torque', 'kg', 'kg'),
     Quantity('increment', 'TCP motion for one increment of each motor', 'm', 'um', worst_is_large=True),
 )
 _CODES = {

@@ -45,6 +45,12 @@ CASES = {
 }
 
 
+@pytest.fixture(scope='module')
+def robot(robot):
+    """The packaged robot, limited by motors and TCP only, except where a test examines the gears."""
+    return robot.replace(gear__limit_moves=False)
+
+
 def planned(moves, robot, **more):
     document = moves if isinstance(moves, dict) else {'start_m': START, 'moves': moves, **more}
     program = program_file.parse(document, robot.motion)
@@ -63,6 +69,16 @@ def test_limiting_quantity_of_a_move_is_at_its_limit(name, robot):
     assert evaluation.AT_LIMIT <= use.used <= 1.0 + 2e-3  # the planner keeps limits within a thousandth
     assert use.used == pytest.approx(use.peak / use.limit)
     assert 0.0 < use.time_share <= 1.0 + 1e-9
+
+
+def test_a_gear_limits_a_long_line_before_the_motor(robot):
+    moves, _ = CASES['a long line without limits of the TCP']
+    geared = robot.replace(gear__limit_moves=True)
+    row = studied(moves, geared).rows[0]
+    assert row.limited_by.quantity == Quantity.GEAR_TORQUE
+    assert row.limited_by.limit == geared.gear.acceleration_torque_n_m
+    assert row.gear_torque_max_n_m[row.limited_by.axis - 1] == pytest.approx(row.limited_by.peak)
+    assert report.limited_text(row).startswith(f'gear torque {row.limited_by.axis} ')
 
 
 def test_a_long_plan_keeps_fewer_samples_and_the_same_rows(robot, monkeypatch):

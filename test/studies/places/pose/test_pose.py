@@ -226,5 +226,5 @@ def test_payload_is_within_the_limit_and_other_load_is_named(robot):
     at = lines.index('payload  10.0 kg, the limit of the robot is 10 kg')
     held, peak = told['payload_held_kg'], told['payload_peak_kg']
     assert lines[at + 1] == (
-        f'nominal current and brakes hold {held:.1f} kg at rest, peak current accelerates {peak:.1f} kg with 15 m/s2'
+        f'nominal current and brakes hold {held:.1f} kg at rest, peak torque accelerates {peak:.1f} kg with 15 m/s2'
     )
