@@ -5,6 +5,7 @@ Pure: inputs arrive as calls, outputs go through ``ControllerCallbacks`` and the
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from delta3_pacdrive.belts.image import read_belts
@@ -28,6 +29,7 @@ from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, Unreacha
 from delta3_pacdrive.parameters import SERCOS_2, Parameters, numbered
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.recording.motion_progress import MotionProgress
+from delta3_pacdrive.robot.drive.operation_data import CP3_CHECK, CP4_CHECK, refusal
 from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos import master
@@ -36,9 +38,15 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.robot.sercos.master import BusMaster
 from delta3_pacdrive.robot.sercos.participants import Announcement
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.words import Phase
 
+# procedure command of each drive before the next phase
+TRANSITION_CHECKS = {
+    Phase.CP2: Access(CP3_CHECK, Operation.COMMAND),
+    Phase.CP3: Access(CP4_CHECK, Operation.COMMAND),
+}
 ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
 
 
@@ -77,7 +85,7 @@ class RobotController:
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._start_s: float | None = None  # of the first cyclic operation
         self.task, self.axes = Transformation(parameters, learned), AxisMonitor(parameters)
-        self.bus = BusMaster(identity, self._locate, drives=drives)
+        self.bus = BusMaster(identity, self._locate, drives=drives, checks=bus.timing == SERCOS_2)
         self.services = ServiceRequests(self.bus.channel_closed, drives)
         self.state = RobotState(self, self.task, self.axes)
         self.enabling = Enabling(self, self.task, self.axes, self.state)
@@ -174,12 +182,13 @@ class RobotController:
     def _do(self, actions: Sequence[master.Action]) -> None:
         for action in actions:
             match action:
-                case master.Announce(phase):
-                    self._callbacks.announce(action)
-                    if action.entered and phase is Phase.CP3 and self._parameters.bus.timing == SERCOS_2:
-                        self.state.actions.append(Logged(f'telegrams: {self._parameters.bus_timing.text}'))
+                case master.Announce():
+                    self._announce(action)
                 case master.Greet():
                     self._callbacks.greet(action)
+                case master.Check(index, phase):
+                    done = partial(self._transition_checked, phase)
+                    self.services.ask_during_start_up(index, TRANSITION_CHECKS[phase], done)
                 case master.RobotReady(cycle):
                     if not self.state.fault:
                         self.state.locate(self.task.state['tcp'][0], cycle)
@@ -199,6 +208,15 @@ class RobotController:
             self._callbacks.publish_status()
         elif self.state.actions:
             self._callbacks.run_actions()
+
+    def _announce(self, action: master.Announce) -> None:
+        self._callbacks.announce(action)
+        if action.entered and action.phase is Phase.CP3 and self._parameters.bus.timing == SERCOS_2:
+            self.state.actions.append(Logged(f'telegrams: {self._parameters.bus_timing.text}'))
+
+    def _transition_checked(self, phase: Phase, index: int, answer: Answer) -> None:
+        reason = refusal(TRANSITION_CHECKS[phase], answer) if answer.error else ''
+        self._do(self.bus.transition_checked(index, phase, reason))
 
     def _begin(self, cycle: int) -> None:
         if cycle or self.state.fault:

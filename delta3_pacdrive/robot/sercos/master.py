@@ -51,6 +51,14 @@ class Greet:
 
 
 @dataclass(frozen=True)
+class Check:
+    """Execute the transition check of a drive for the phase after this one, a procedure command."""
+
+    index: int
+    phase: Phase
+
+
+@dataclass(frozen=True)
 class RobotReady:
     """The robot is ready for a program from a bus cycle on."""
 
@@ -101,7 +109,7 @@ class Wait:
     reason: Reason
 
 
-Action = Announce | Greet | RobotReady | Begin | AbortCyclic | Note | StopRobot | Drop | Wait
+Action = Announce | Greet | Check | RobotReady | Begin | AbortCyclic | Note | StopRobot | Drop | Wait
 
 TRANSITIONS: dict[tuple[Phase, Event], tuple[Phase, tuple[type[Action], ...]]] = {
     (Phase.CP0, Event.PRESENT): (Phase.CP1, (Announce,)),
@@ -127,6 +135,8 @@ class BusMaster:
         Settings of the master; all participants must agree with them.
     locate
         Takes the motor shaft positions [rad]; returns the reason if they are not a valid robot pose.
+    checks
+        Whether CP2 and CP3 end with a successful transition check of each drive (S-0-0127, S-0-0128).
 
     Attributes
     ----------
@@ -143,8 +153,9 @@ class BusMaster:
         locate: Callable[[Sequence[float]], Reason | None],
         draw: Callable[[], bytes] = new_session,
         drives: Sequence[str] = DRIVES,
+        checks: bool = False,
     ) -> None:
-        self._identity, self._locate, self._draw = identity, locate, draw
+        self._identity, self._locate, self._draw, self._checks = identity, locate, draw, checks
         self._drives, self.names = drives, (*drives, PLANT)
         self._participants = Participants(self.names)
         self.phase = Phase.CP0
@@ -159,6 +170,10 @@ class BusMaster:
         self._participants.begin(self.session.decode())
         self._resting: dict[int, float] = {}  # shaft positions [rad] from answers to greetings
         self._looks = self._looks_in_vain = 0
+        self._asked: set[tuple[Phase, int]] = (
+            set()
+        )  # transition checks in progress or done, by phase and drive
+        self._checked: set[tuple[Phase, int]] = set()
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -207,6 +222,12 @@ class BusMaster:
         if disagreement is not None:
             return [*actions, Note(disagreement)]
         waiting = self._obstacle(doubled)
+        if (
+            waiting is None
+            and self._checks
+            and (self.phase is Phase.CP2 or (ready and self.phase is Phase.CP3))
+        ):
+            waiting = self._unchecked(actions)
         if waiting != self.waiting:
             self.waiting = waiting
             if waiting is not None:
@@ -257,6 +278,28 @@ class BusMaster:
                 else None
             )
         return None
+
+    def _unchecked(self, actions: list[Action]) -> Reason | None:
+        """Return that drives have not passed the transition check of this phase; add those to ask to the actions."""
+        unchecked = [n for n in range(len(self._drives)) if (self.phase, n) not in self._checked]
+        if not unchecked:
+            return None
+        for index in unchecked:
+            if (self.phase, index) not in self._asked:
+                self._asked.add((self.phase, index))
+                actions.append(Check(index, self.phase))
+        names = ', '.join(self._drives[index] for index in unchecked)
+        return Reason(Code.BUS, f'waiting for the transition check of {names}')
+
+    def transition_checked(self, index: int, phase: Phase, refusal: str) -> list[Action]:
+        """Process the result of a transition check of a phase; a check with a ``refusal`` is repeated."""
+        if phase is not self.phase:
+            return []
+        if refusal:
+            self._asked.discard((phase, index))
+            return [Note(RobotFault(FaultCode.PARAMETERS, f'{self._drives[index]}: {refusal}'))]
+        self._checked.add((phase, index))
+        return []
 
     def positioned(self, index: int, position: float) -> None:
         """Store the shaft position [rad] from a drive's answer to a greeting."""

@@ -44,6 +44,10 @@ class ServiceRequests:
         if reason is not None:
             text = f'{ERROR_TEXTS[ServiceError.NOT_OPEN]}: {reason}'
             raise TelegramError(message_8503(access.idn, ServiceError.NOT_OPEN, text))
+        self.ask_during_start_up(index, access, done)
+
+    def ask_during_start_up(self, index: int, access: Access, done: Done) -> None:
+        """Queue an access of the master itself, in any phase from CP2 on; otherwise as ``ask``."""
         self._channels[index].request(access)
         self._waiting[index].append(done)
         self.busy = True

@@ -17,6 +17,8 @@ from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PARTICIPANTS, PLANT, Identity
 from delta3_pacdrive.robot.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, ServiceError, format_idn
+from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.robot.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
 from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE, Phase, Status
@@ -44,6 +46,9 @@ class Cell:
     ) -> None:
         self.inputs, self.identity = inputs, Identity.of(robot)
         self.logged: list[str] = []
+        self.accesses: list[Access] = []
+        self.channels = [ServiceSlave(self._serve) for _ in DRIVES]
+        self.refuses = ServiceError.NONE
         self.now_s = 0.0
         self.sent: dict[int, Command] = {}
         self.told: list[int] = []
@@ -72,9 +77,15 @@ class Cell:
     def start_ticks(self, delay_s: float) -> None:
         self.ticks_from.append(self.phases[-1])
 
+    def _serve(self, access: Access) -> Answer:
+        self.accesses.append(access)
+        return Answer(access.idn, self.refuses)
+
     def greet(self, _: Any) -> None:
-        for index, position in enumerate(HOME):
-            self.robot.receive_greeting(index, ((position, 0.0, 0.0), READY, 0))
+        words = self.robot.services.to_send()
+        for index, (position, channel) in enumerate(zip(HOME, self.channels, strict=True)):
+            channel.received(words[index])
+            self.robot.receive_greeting(index, ((position, 0.0, 0.0), READY, channel.to_send()))
 
     def send(self, cycle: int, command: Command) -> None:
         assert cycle not in self.sent
@@ -113,7 +124,7 @@ class Cell:
 
     def come_up(self) -> 'Cell':
         """Let everybody answer until cyclic operation begins."""
-        for _ in range(40):
+        for _ in range(60):
             if self.robot.bus.cyclic:
                 break
             for name in PARTICIPANTS:
@@ -183,6 +194,20 @@ def test_master_of_a_sercos_ring_logs_the_times_of_its_telegrams() -> None:
     text = 'AT from 40, 54, 68 us, MDT from 122 us, set points valid at 800 us, shortest cycle 398 us'
     assert [one for one in cell.logged if one.startswith('telegrams')] == [f'telegrams: {text}']
     assert not [one for one in Cell().come_up().logged if one.startswith('telegrams')]
+
+
+def test_master_of_a_sercos_ring_executes_the_transition_checks_of_the_drives() -> None:
+    cell = Cell(robot=ROBOT.replace(bus__timing='sercos2')).come_up()
+    checks = [(format_idn(one.idn), one.operation) for one in cell.accesses]
+    assert checks == [(idn, Operation.COMMAND) for idn in ('S-0-0127', 'S-0-0128') for _ in DRIVES]
+    assert not Cell().come_up().accesses
+    refused = Cell(robot=ROBOT.replace(bus__timing='sercos2'))
+    refused.refuses = ServiceError.COMMAND_NOT_EXECUTABLE
+    with pytest.raises(AssertionError):
+        refused.come_up()
+    assert refused.phases[-1] == Phase.CP2
+    assert 'S-0-0127' in refused.fault
+    assert '0x7012' in refused.fault
 
 
 def test_participants_with_another_ring_keep_the_bus_in_cp2() -> None:

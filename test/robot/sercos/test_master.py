@@ -19,6 +19,7 @@ from delta3_pacdrive.robot.sercos.master import (
     Announce,
     Begin,
     BusMaster,
+    Check,
     Drop,
     Greet,
     Note,
@@ -39,11 +40,11 @@ HOME = [0.1, 0.2, 0.3]
 class Bus:
     """A master, and the others as the test plays them."""
 
-    def __init__(self) -> None:
+    def __init__(self, checks: bool = False) -> None:
         sessions = itertools.count(1)
         self.nowhere: Reason | None = None
         self.located: list[list[float]] = []
-        self.master = BusMaster(OURS, self._locate, lambda: b'%04x' % next(sessions))
+        self.master = BusMaster(OURS, self._locate, lambda: b'%04x' % next(sessions), checks=checks)
 
     def _locate(self, positions: Any) -> Reason | None:
         self.located.append(list(positions))
@@ -132,6 +133,46 @@ def test_the_participants_that_a_phase_waits_for_are_named(bus: Bus) -> None:
     assert (bus.master.phase, bus.master.missing) == (Phase.CP3, ())
     bus.poll(ready=False)
     assert bus.master.missing == ()
+
+
+@pytest.mark.parametrize('phase', [Phase.CP2, Phase.CP3])
+def test_a_phase_ends_with_the_transition_checks_of_all_drives(phase: Phase) -> None:
+    bus = Bus(checks=True)
+    bus.everybody_answers()
+    while bus.master.phase < phase:
+        bus.poll()
+        for index in range(len(DRIVES)):
+            bus.master.transition_checked(index, bus.master.phase, '') if bus.master.phase < phase else None
+    asked = [action for action in bus.poll() if isinstance(action, Check)]
+    assert asked == [Check(index, phase) for index in range(len(DRIVES))]
+    assert bus.master.transition_checked(0, phase, '') == []
+    assert bus.master.transition_checked(2, phase, '') == []
+    assert not [action for action in bus.poll() if isinstance(action, Check)]
+    assert (bus.master.phase, bus.master.waiting) == (
+        phase,
+        Reason(Code.BUS, 'waiting for the transition check of axis2'),
+    )
+    # a refused check is a fault, and repeated; a reply of another phase has no effect
+    (note,) = bus.master.transition_checked(1, phase, 'no')
+    assert (note.fault.code, note.fault.sentence) == (FaultCode.PARAMETERS, 'axis2: no')
+    assert [action for action in bus.poll() if isinstance(action, Check)] == [Check(1, phase)]
+    assert bus.master.transition_checked(1, Phase.CP1, '') == []
+    bus.poll()
+    assert bus.master.phase == phase
+    bus.master.transition_checked(1, phase, '')
+    bus.poll()
+    assert bus.master.phase == phase + 1
+
+
+def test_robot_that_waits_for_a_program_is_not_checked_in_cp3() -> None:
+    bus = Bus(checks=True)
+    bus.everybody_answers()
+    while bus.master.phase < Phase.CP3:
+        bus.poll()
+        for index in range(len(DRIVES)):
+            bus.master.transition_checked(index, Phase.CP2, '')
+    assert not [action for action in bus.poll(ready=False) if isinstance(action, Check)]
+    assert [action for action in bus.poll() if isinstance(action, Check)]
 
 
 BURNS = RobotFault(FaultCode.PARTICIPANT_LEFT, 'the plant burns', 'plant')
