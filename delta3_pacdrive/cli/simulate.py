@@ -175,7 +175,11 @@ def run(options: Options) -> Output:
     if folder is not None:
         from delta3_pacdrive.studies.runs import run_report
 
-        lines = [*([stopped] if stopped else []), *(records.sentences() if records else ())]
+        lines = [
+            *([stopped] if stopped else []),
+            *(records.sentences() if records else ()),
+            *_supply(trace, robot),
+        ]
         run_report.write(folder, trace, records.taken if records else (), lines)
     if stopped:
         raise RunError(f'{stopped}; at rest after {trace.time_s[-1]:.3f} s of bus time')
@@ -190,6 +194,14 @@ def run(options: Options) -> Output:
         result['files'] = folder.files
         notes = (*notes, f'report: {folder.files[0]}')
     return output_of_run(result, options, robot, inputs, notes=notes)
+
+
+def _supply(trace: 'Trace', robot: 'Parameters') -> list[str]:
+    """Return the load of the supply and the energy balance as lines of text, none without a model."""
+    from delta3_pacdrive.studies.runs.run_supply import supply_of_run
+
+    found = supply_of_run(trace, robot)
+    return [] if found is None else [f'{name}: {text}' for name, text in found.rows()]
 
 
 def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':

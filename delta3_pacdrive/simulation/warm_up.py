@@ -24,10 +24,12 @@ from delta3_pacdrive.numerics.kernel import (
 from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.limits.limits import Limits, check_speed
+from delta3_pacdrive.planning.limits.supply import load_of_motion
 from delta3_pacdrive.planning.program.model import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.robot.drive.channels import CHANNELS
 from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.drive.scope import DriveScope
+from delta3_pacdrive.robot.plant.dc_link import DcLink, advance_link
 from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.robot.sercos.words import CONTROL_ON
@@ -191,11 +193,15 @@ def _precompile_plant(parameters: Parameters) -> None:
     """Call the plant as its node does."""
     samples = round(parameters.bus.exchange_period_s / parameters.drive.current_period_s)
     Plant(parameters).advance(np.zeros((samples, 3)), [False] * 3)
+    link = DcLink(parameters)
+    link.begin_cycle()
+    advance_link(0.0, link.record)
 
 
 def _precompile_drive(parameters: Parameters) -> None:
     """Call a drive as its node does."""
     drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
+    drive.take_link(DcLink(parameters).values())
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
     drive.powered  # noqa: B018 (calls a kernel)
@@ -209,6 +215,8 @@ def _precompile_drive(parameters: Parameters) -> None:
 
 def _precompile_planning(parameters: Parameters) -> None:
     program_planner.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
+    still = np.zeros((2, 3))
+    load_of_motion(np.array([0.0, parameters.bus.cycle_time_s]), still, still, parameters)
 
 
 def _precompile_task(parameters: Parameters) -> None:

@@ -155,6 +155,14 @@ def turn_2(trace):
     return turn(trace, '_2', ' by axis 5')
 
 
+def supply(trace):
+    run = program_part(trace)
+    shown = {'voltage': 'dc_link_voltage', 'mains': 'mains_power', 'brake resistor': 'resistor_power'}
+    return 'DC link', [
+        Panel(whole_time(run), run.time_s, name, line(run[signal][:, 0])) for name, signal in shown.items()
+    ]
+
+
 def signal_panels(trace, signal):
     run = program_part(trace)
     names = [name for name, _ in columns_of(signal, quantities.unit_of(signal) or '1')]

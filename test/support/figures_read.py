@@ -19,7 +19,7 @@ FACTORS = dict.fromkeys(UNITS_OF_KEYS.values(), 1.0) | {
     'mm': 1e3, 'um': 1e6, 'µm': 1e6, 'ms': 1e3, 'min': 1.0 / 60.0, '1/min': 60.0, 'mrad': 1e3, 'deg': RAD,
     'mdeg': 1e3 * RAD, 'deg/s': RAD, 'deg/s2': RAD, 'rpm': 60.0 / math.tau, '%': 100.0, '% of the peak': 100.0,
     **dict.fromkeys(
-        ('m2', 'A rms', '1/m', '1', 'bits', 'SI', 'm/rad', 'noise per 100 %', 'squares of the noise',
+        ('m2', 'A rms', '1/m', '1', 'bits', 'SI', 'm/rad', 'W', 'noise per 100 %', 'squares of the noise',
          'standard deviations of their noise'),
         1.0,
     ),

@@ -429,6 +429,7 @@ CONTENTS = {
     'runs.run_figures.tcp_speed': runs.tcp_speed,
     'runs.run_figures.turn': runs.turn,
     'runs.run_figures.turn_2': runs.turn_2,
+    'runs.run_figures.supply': runs.supply,
     'runs.run_figures.signal_panels': runs.signal_panels,
     'runs.scope_figure.figure_of': runs.oscilloscope,
     'thesis.experiments.figures.panels': runs.compared,

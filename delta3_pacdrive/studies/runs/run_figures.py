@@ -1,6 +1,7 @@
 """Figures 11.1 to 11.8 of the thesis for one run: TCP path, arm angles, speeds, accelerations, currents and errors.
 
-Robots with a rotary axis have one more figure, the rotation of the tool. Each figure is a function from a trace to a
+Robots with a rotary axis have one more figure, the rotation of the tool, and so have those whose DC link has a model,
+its voltage and powers. Each figure is a function from a trace to a
 ``matplotlib.figure.Figure``; pyplot and its global state are not used. Arm values are motor values divided by the gear
 ratio (4.17).
 """
@@ -16,7 +17,7 @@ import numpy as np
 
 from delta3_pacdrive.axes import ARMS, numbered
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, columns_of
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SUPPLY_SIGNALS, columns_of
 from delta3_pacdrive.recording.tables import quantities
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.framework.figure_style import (
@@ -73,7 +74,8 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     folder
         Destination; files of the same names are overwritten.
     signals
-        Names of the signals to draw; None: the figures of the thesis, and the rotation of each rotary axis.
+        Names of the signals to draw; None: the figures of the thesis, the rotation of each rotary axis, and the DC
+        link.
 
     Returns
     -------
@@ -92,7 +94,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     drawings = {
         f'{make.__name__}.png': partial(make, trace)
         for make, subject in FIGURES.items()
-        if (subject in signals if signals is not None else make not in TURNS or subject in trace.signals)
+        if (subject in signals if signals is not None else make not in OPTIONAL or subject in trace.signals)
     }
     for signal in signals or ():
         if signal not in FIGURES.values():
@@ -273,6 +275,19 @@ def _turn_of(trace: Trace, number: int) -> Figure:
     return figure
 
 
+def supply(trace: Trace) -> Figure:
+    """DC link: its voltage, the power from the mains, and the power in the brake resistor."""
+    run = program_part(trace)
+    labels = [
+        f'{name} [{unit}]' for name, unit in (('voltage', 'V'), ('mains', 'W'), ('brake resistor', 'W'))
+    ]
+    figure, panels = _panels(run, 'DC link', labels)
+    for axes, name in zip(panels, SUPPLY_SIGNALS, strict=True):
+        axes.plot(run.time_s, run[name][:, 0], color=NORM_COLOUR, **ACTUAL)
+    keep_span(panels, 1.0)
+    return figure
+
+
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal in SI units, with a panel for each of its columns."""
     run, meaning = program_part(trace), quantities.meaning_of(signal)
@@ -300,8 +315,10 @@ FIGURES: dict[Callable[[Trace], Figure], str] = {
     tcp_speed: 'tcp_velocity',
     turn: 'turn_position',
     turn_2: 'turn_position_2',
+    supply: 'dc_link_voltage',
 }
-TURNS = turn, turn_2  # drawn for runs with the axis
+TURNS = turn, turn_2
+OPTIONAL = (*TURNS, supply)  # drawn for runs with their signals
 
 
 def _arm_deg(trace: Trace, signal: str) -> Floats:

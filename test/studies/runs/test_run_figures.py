@@ -56,13 +56,15 @@ def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_pat
 def turning(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     path = tmp_path_factory.mktemp('programs') / 'turning.yaml'
     path.write_text('name: turning\nmoves: [{move_l: {to_m: [0.2, 0.1, -0.8], turn_deg: [90, -40]}}]\n')
-    robot = parameters.load().replace(rotary__present=True, rotary_2__present=True)
+    robot = parameters.load('supply').replace(rotary__present=True, rotary_2__present=True)
     return simulation.run(programs.load(path, robot.motion), robot)
 
 
-def test_a_run_has_one_figure_more_for_each_rotary_axis(turning: Trace, tmp_path: Path) -> None:
+def test_a_run_has_one_figure_more_for_each_rotary_axis_and_for_a_modelled_dc_link(
+    turning: Trace, tmp_path: Path
+) -> None:
     paths = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')))
-    assert {path.name for path in paths} == {*PROMISED, 'turn.png', 'turn_2.png'}
+    assert {path.name for path in paths} == {*PROMISED, 'turn.png', 'turn_2.png', 'supply.png'}
     ends = [make(turning).axes[0].lines[0].get_ydata()[-1] for make in run_figures.TURNS]
     assert ends == pytest.approx([90.0, -40.0], abs=0.5)
 
