@@ -43,7 +43,7 @@ BAD_PROGRAMS = {
     'too fast': (
         'limits: {speed_m_s: 15, acceleration_m_s2: 900, jerk_m_s3: .inf}\n'
         'moves: [{move_l: {to_m: [0.4, 0, -0.8], strict: true}}]',
-        'the limit is 17 A (strict)',
+        'm, the limit is 160 N m (strict)',
     ),
 }
 

@@ -82,6 +82,7 @@ def random_points(generator, robot):
 
 
 def test_random_trajectories_are_followed_within_the_grid_at_their_points(robot):
+    robot = robot.replace(gear__limit_moves=False)  # at random speeds the gears reject most of them
     generator = np.random.default_rng(2024)
     carried = set()
     for _ in range(RANDOM):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.planning.limits.gear_load import OVERLOADED
 from delta3_pacdrive.planning.limits.limits import phase_voltage_max
 from delta3_pacdrive.planning.program.file_reader import load
+from delta3_pacdrive.studies.runs.derived_signals import added
 
 OVER = 1.01  # of a limit: what the loops add to the commanded torque
 HEIGHT_M = 0.045
@@ -27,6 +29,7 @@ moves:
 """
 
 
+@pytest.mark.parametrize('geared', [False, True], ids=['motors', 'gears'])
 @pytest.mark.parametrize(
     ('start', 'end', 'payload_kg', 'limits'),
     [
@@ -38,8 +41,8 @@ moves:
         ((0.2, -0.2, -0.9), (-0.1, 0.2, -0.82), 10.0, 'jerk_m_s3: 20000.0'),
     ],
 )
-def test_no_limit_is_exceeded_by_more_than_a_hundredth(start, end, payload_kg, limits, tmp_path):
-    robot = parameters.load('model')
+def test_no_limit_is_exceeded_by_more_than_a_hundredth(start, end, payload_kg, limits, geared, tmp_path):
+    robot = parameters.load('model').replace(gear__limit_moves=geared)
     (tmp_path / 'pick.yaml').write_text(pick(start, end, payload_kg, limits), encoding='utf-8')
     program = load(tmp_path / 'pick.yaml', robot.motion)
     trace = simulation.run(program, robot, signals=('drive_voltage',))
@@ -49,5 +52,8 @@ def test_no_limit_is_exceeded_by_more_than_a_hundredth(start, end, payload_kg, l
     assert np.abs(trace['drive_voltage']).max() <= OVER * phase_voltage_max(robot)
     rms = np.sqrt(np.mean(trace['current_rms'] ** 2, axis=0)).max()
     assert rms <= OVER * robot.motor.nominal_current_a
-    if payload_kg > 4.0:  # it is the peak torque that keeps these from being faster
+    if geared:
+        torque = np.abs(added(trace)['gear_torque']).max()
+        assert torque <= (1.0 + OVERLOADED) * robot.gear.acceleration_torque_n_m
+    elif payload_kg > 4.0:  # it is the peak torque that keeps these from being faster
         assert current >= 0.97 * robot.motor.peak_current_a
