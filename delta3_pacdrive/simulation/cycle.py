@@ -360,7 +360,8 @@ class SimulatedOperation:
             note_turn_command(cycle, axis, robot.record, signals)
         lost = [self._schedule.telegram(MDT_LOSSES, axis, cycle) for axis in self._names]
         for drive, fault in zip(robot.drives, lost, strict=True):
-            drive.state['mst_losses'] += fault is not None and fault.kind not in GARBLED
+            if fault is not None and fault.kind not in GARBLED:
+                drive.state['mst_losses'] += 1
         robot.cycle(motors, control, payload, [fault is None for fault in lost], torques)
         note_currents(cycle, robot.record, self._signals)
 
