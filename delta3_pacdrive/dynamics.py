@@ -64,6 +64,7 @@ INERTIA = np.dtype(
         ('plate', 'f8'),  # m_nt [kg]
         ('rod', 'f8'),  # mu [kg], 0 for split masses
         ('weight', 'f8', (3,)),  # m_br r_Gb g / l_A [N]
+        ('elbow', 'f8', (3,)),  # m_br r_Gb / l_A [kg], moves with the elbow in the momentum
         ('gravity', 'f8'),  # g [m/s^2]
     ],
     align=True,
@@ -113,6 +114,7 @@ def inertia(
         at_elbow += record['rod'][0]
     moment = l_a * (p.upper_arm_mass_kg / 2.0 + at_elbow)
     record['weight'] = p.gravity_m_s2 * moment / l_a
+    record['elbow'] = moment / l_a
     record['gravity'] = p.gravity_m_s2
     return record
 
@@ -185,6 +187,42 @@ def _with_rods(terms, thetadot, pose, j, a, g, n):
         bias[2] + n.rod * (dot(j[2], force) + dot(b[2], a)),
     )
     return coupled_mass, coupled_bias
+
+
+@kernel
+def momentum_terms(theta, thetadot, masses, g):
+    """Rate of the momentum of masses at plate and elbows, sum_i h_i thetaddot_i + f; returns (h, f).
+
+    ``masses`` are that of the plate and those of the elbows [kg], shape (4,).
+    """
+    p, s, b = pose(theta, g)
+    n1, n2, n3, determinant = inverse_columns(s)
+    per_volume = 1.0 / determinant
+    j = (
+        combine(dot(s[0], b[0]) * per_volume, n1, 0.0, n1, 0.0, n1),
+        combine(dot(s[1], b[1]) * per_volume, n2, 0.0, n2, 0.0, n2),
+        combine(dot(s[2], b[2]) * per_volume, n3, 0.0, n3, 0.0, n3),
+    )
+    xdot = combine(thetadot[0], j[0], thetadot[1], j[1], thetadot[2], j[2])
+    e1 = _acceleration_right_side(0, s[0], b[0], p, xdot, thetadot[0], g)
+    e2 = _acceleration_right_side(1, s[1], b[1], p, xdot, thetadot[1], g)
+    e3 = _acceleration_right_side(2, s[2], b[2], p, xdot, thetadot[2], g)
+    a = combine(e1 * per_volume, n1, e2 * per_volume, n2, e3 * per_volume, n3)
+    plate, elbow = masses[0], (masses[1], masses[2], masses[3])
+    h = (
+        combine(plate, j[0], elbow[0], b[0], 0.0, a),
+        combine(plate, j[1], elbow[1], b[1], 0.0, a),
+        combine(plate, j[2], elbow[2], b[2], 0.0, a),
+    )
+    bends = combine(
+        -elbow[0] * thetadot[0] * thetadot[0],
+        upper_arm(0, p, s[0], g),
+        -elbow[1] * thetadot[1] * thetadot[1],
+        upper_arm(1, p, s[1], g),
+        -elbow[2] * thetadot[2] * thetadot[2],
+        upper_arm(2, p, s[2], g),
+    )
+    return h, combine(plate, a, 1.0, bends, 0.0, a)
 
 
 @kernel

@@ -45,6 +45,7 @@ DIMENSIONLESS = (
         'motor.coupling_effect',
         'control.shaping_damping',
         'supply.ready_share',
+        'rich.frame_damping',
         'gear.life_exponent',
         *(f'{group}.{name}' for group in ('rotary', 'rotary_2') for name in ('pole_pairs', 'gear_ratio')),
         *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
@@ -60,6 +61,12 @@ SIX_RODS = {
         'rod_difference_m',
         'plate_joint_height_m',
         'tool_length_m',
+        'frame',
+        'frame_mass_kg',
+        'frame_frequency_hz',
+        'frame_damping',
+        'elastic_rods',
+        'rod_stiffness_n_m',
     )
 }
 NOTCHES = {name for name in FIELDS if name.startswith('drive.notch_')}

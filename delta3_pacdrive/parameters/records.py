@@ -284,6 +284,17 @@ class Rich:
         'distance of the TCP below the joints of the plate', 0.0, 1.0, default=0.1
     )
 
+    frame: bool = quantity(
+        'machine frame that oscillates horizontally, on which the base stands', False, True, default=False
+    )
+    frame_mass_kg: float = quantity('mass of frame and robot', 10.0, 1e5, default=400.0)
+    frame_frequency_hz: float = quantity('natural frequency of the frame', 1.0, 500.0, default=20.0)
+    frame_damping: float = quantity('damping ratio of the frame', 0.0, 1.0, default=0.03)
+    elastic_rods: bool = quantity('rods that stretch under their force', False, True, default=False)
+    rod_stiffness_n_m: float = quantity(
+        'axial stiffness of a rod with its ball joints', 1e4, 1e9, default=4e6
+    )
+
     @property
     def effects(self) -> 'Rich':
         """Effects that are on; all are off without ``enabled``."""

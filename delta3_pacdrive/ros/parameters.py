@@ -20,7 +20,8 @@ from delta3_pacdrive.ros.wire import frames
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {
     'unit_robot': (
-        'kinematics', 'dynamics', 'motor', 'motion', 'bus', 'rotary', 'rotary_2', 'drive.dc_link_voltage_v',
+        'kinematics', 'dynamics', 'gear', 'joints', 'motor', 'motion', 'bus', 'rotary', 'rotary_2',
+        'drive.dc_link_voltage_v',
     ),
     'transformation_task': (
         'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',

@@ -9,7 +9,7 @@ GEAR, K_M, BRAKE_N_M = 32.0, 0.78, 3.0
 STEP_S = 62.5e-6
 MS = 16  # steps
 RELEASED, APPLIED = [True] * 3, [False] * 3
-SWITCHES = ('forearm_rods', 'gear', 'friction', 'ripple', 'sensors', 'geometry')
+SWITCHES = ('forearm_rods', 'gear', 'friction', 'ripple', 'sensors', 'geometry', 'frame', 'elastic_rods')
 ELASTIC = 2e-6  # the same with springs, which swing through a tenth of a radian in a step
 
 
@@ -78,7 +78,7 @@ def energy(plant, robot):
     theta, rates = plant.arm_angles(), plant.state['thetadot'][0]
     _, l_b, _, _, offset = built(robot)
     c, tangents = elbows(theta, robot)
-    x = plant.tcp()
+    x = plant.tcp() - plant.state['offset'][0]  # in the frame of the base
     s = x - c
     assert np.linalg.norm(s, axis=1) == pytest.approx(l_b, abs=1e-12)
     c_dot = tangents * rates[:, None]
@@ -92,17 +92,22 @@ def energy(plant, robot):
             (at_ends[1] * d.forearm_mass_kg, x, x_dot),
             (middle, 0.5 * (c[i] + x), 0.5 * (c_dot[i] + x_dot)),
         ]
+    # the centre of an upper arm moves with half the speed of its elbow
+    points += [(d.upper_arm_mass_kg, 0.5 * c[i], 0.5 * c_dot[i]) for i in range(3)]
     kinetic = sum(0.5 * mass * v @ v for mass, _, v in points)
     potential = sum(d.gravity_m_s2 * mass * place[2] for mass, place, _ in points)
     l_a = np.linalg.norm(tangents, axis=1)
-    kinetic += (d.upper_arm_mass_kg * l_a**2 / 6.0) @ rates**2
-    potential += 0.5 * d.gravity_m_s2 * d.upper_arm_mass_kg * c[:, 2].sum()
+    kinetic += (d.upper_arm_mass_kg * l_a**2 / 24.0) @ rates**2
     position, speed, _ = shafts(plant)
     kinetic += 0.5 * (robot.motor.rotor_inertia_kg_m2 + robot.motor.brake_inertia_kg_m2) * speed @ speed
     if r.gear:
         twist = position / GEAR + offset - theta
         wound = np.maximum(np.abs(twist) - 0.5 * r.gear_backlash_rad, 0.0)
         potential += 0.5 * r.gear_stiffness_n_m_rad * wound @ wound
+    if r.frame:
+        q, speed = (np.append(plant.built['state'][name][0], 0.0) for name in ('frame', 'frame_speed'))
+        kinetic += 0.5 * r.frame_mass_kg * speed @ speed + sum(mass * v @ speed for mass, _, v in points)
+        potential += 0.5 * r.frame_mass_kg * (2.0 * np.pi * r.frame_frequency_hz) ** 2 * q @ q
     return kinetic + potential
 
 

@@ -64,6 +64,7 @@ STATE = np.dtype(
         ('thetaddot', 'f8', (3,)),  # [rad/s^2], arm, of the last step
         ('current', 'f8', (3,)),  # [A rms], at the end of the last step
         ('coupling', 'f8', (3,)),  # d [N m], motor (4.31)
+        ('offset', 'f8', (3,)),  # [m], of the true TCP by the frame and by elastic rods
         ('drawn', 'f8'),  # [J], from the DC link in the last exchange period
         ('brake_command', 'i8', (3,)),  # 1 = release
         ('brake_released', 'i8', (3,)),
@@ -94,6 +95,7 @@ CONSTANTS = np.dtype(
         ('stop_damping', 'f8'),
         ('angle_error', 'f8', (3,)),  # arm angle less that of a rigid shaft, as referenced
         ('decoupled', 'i8'),  # d is an input, taken from the previous step
+        ('gives', 'i8'),  # frame or rods give
         ('supplied', 'i8'),  # the DC link has a model
     ],
     align=True,
@@ -129,6 +131,7 @@ def plant_constants(parameters: Parameters) -> NDArray[Any]:
     record['stop_max'] = math.radians(p.end_stop_max_deg)
     record['stop_stiffness'] = p.end_stop_stiffness_n_m_rad
     record['stop_damping'] = p.end_stop_damping_n_m_s_rad
+    record['gives'] = parameters.rich.effects.frame or parameters.rich.effects.elastic_rods
     record['angle_error'] = parameters.rich.deviations.angle_rad
     record['supplied'] = parameters.supply.enabled
     record['decoupled'] = p.arm_coupling == DECOUPLED

@@ -1,4 +1,4 @@
-"""Effects of a built robot between current and arm: elastic gears with backlash, stick-slip friction, torque ripple.
+"""Effects of a built robot: elastic gears with backlash, stick-slip friction, torque ripple, frame and elastic rods.
 
 A motor drives its rotor and one side of its gear, at ``shaft`` = theta_m / k_r; the arm is the other side, at theta:
 
@@ -13,6 +13,15 @@ The friction is that of LuGre (Canudas de Wit et al. 1995) on the motor side: br
 A shaft at rest is held as by a spring up to the break-away torque F_b; with speed, friction falls to F_s and
 rises again with F_v (Stribeck). zdot is integrated exactly for the speed of a step.
 
+The base stands on a frame of mass M with robot, which oscillates horizontally (q: x and y). The base exerts the force
+F = sum_i h_i thetaddot_i + f on the moving parts (``momentum_terms``), whose inertia loads the arms in turn:
+
+    M qddot + D qdot + K q = -F,   K = M (2 pi f)^2,  D = 2 zeta sqrt(K M),   A thetaddot + ... = tau - h_i . qddot
+
+The arms see the frame's acceleration of the previous step: the moving masses are a hundredth of M, and the step a
+hundredth of its period. Rods stretch by their force over the stiffness of both; their natural frequencies of several
+hundred Hz are far above the motion, so that masses do not oscillate on them. Both displace the true TCP.
+
 The step is that of ``rigid``, but predicts the midpoint from position and speed alone (position Verlet), so that
 springs conserve energy; it is divided for springs that are too stiff.
 """
@@ -23,9 +32,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.dynamics import motion_terms, multiply, rotor_inertia, solve
+from delta3_pacdrive.dynamics import momentum_terms, motion_terms, multiply, rotor_inertia, solve
+from delta3_pacdrive.kinematics import inverse_columns, pose
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.numerics.vector3 import difference, middle, plus, triple
+from delta3_pacdrive.numerics.vector3 import combine, difference, dot, middle, plus, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.motor import friction_torque
 from delta3_pacdrive.robot.plant.brake import acceleration_under_brakes, caught_speeds
@@ -41,6 +51,9 @@ BUILT_STATE = np.dtype(
         ('rate', 'f8', (3,)),  # [rad/s]
         ('acceleration', 'f8', (3,)),  # [rad/s^2], of the last step
         ('bristle', 'f8', (3,)),  # z [rad], motor
+        ('frame', 'f8', (2,)),  # q [m], x and y
+        ('frame_speed', 'f8', (2,)),  # [m/s]
+        ('frame_acceleration', 'f8', (2,)),  # [m/s^2], of the last step
     ],
     align=True,
 )
@@ -60,6 +73,10 @@ BUILT_CONSTANTS = np.dtype(
         ('cogging', 'f8'),  # T_c [N m]
         ('cogging_periods', 'f8'),
         ('ripple', 'f8'),  # a_6
+        ('frame_mass', 'f8'),  # M [kg]; 0: the base is fixed
+        ('frame_stiffness', 'f8'),  # K [N/m]
+        ('frame_damping', 'f8'),  # D [N s/m]
+        ('rod_stiffness', 'f8'),  # of one rod [N/m]; 0: rigid
     ],
     align=True,
 )
@@ -92,6 +109,13 @@ def built_constants(parameters: Parameters) -> NDArray[Any]:
         record['cogging'] = effects.cogging_torque_n_m
         record['cogging_periods'] = effects.cogging_periods
         record['ripple'] = effects.torque_ripple
+    if effects.frame:
+        pulsation = math.tau * effects.frame_frequency_hz
+        record['frame_mass'] = effects.frame_mass_kg
+        record['frame_stiffness'] = effects.frame_mass_kg * pulsation**2
+        record['frame_damping'] = 2.0 * effects.frame_damping * effects.frame_mass_kg * pulsation
+    if effects.elastic_rods:
+        record['rod_stiffness'] = effects.rod_stiffness_n_m
     swing = math.sqrt(stiffness / rotor)
     record['substeps'] = max(1, math.ceil(step * swing / STEP_ANGLE), math.ceil(step * decay / STEP_DECAY))
     return record
@@ -155,12 +179,25 @@ def gear_torque(twist, rate, r):
 def _accelerations(arms, shafts, current, plant, built):
     """Accelerations of arms and shafts [rad/s^2, arm side], and coupling torques d [N m, motor side] (4.31).
 
+    The last result is the force [N] of the base on the moving parts, 0 for a fixed base.
+
     ``arms`` is (theta, thetadot), ``shafts`` is (shaft, rate, bristle), each of them a 3-tuple.
     """
     s, c, r = plant.state, plant.constants, built.constants
     theta, thetadot = arms
     shaft, rate, z = shafts
     mass, bias = motion_terms(theta, thetadot, plant.geometry, plant.inertia)
+    push = (0.0, 0.0, 0.0)
+    if r.frame_mass > 0.0:
+        n = plant.inertia
+        masses = (n.plate + 3.0 * n.rod, n.elbow[0], n.elbow[1], n.elbow[2])
+        h, push = momentum_terms(theta, thetadot, masses, plant.geometry)
+        x, y = built.state.frame_acceleration[0], built.state.frame_acceleration[1]
+        bias = (
+            bias[0] + h[0][0] * x + h[0][1] * y,
+            bias[1] + h[1][0] * x + h[1][1] * y,
+            bias[2] + h[2][0] * x + h[2][1] * y,
+        )
     t1, less1 = shaft_torque(current[0], s.load_torque[0], shaft[0], rate[0], z[0], plant, built)
     t2, less2 = shaft_torque(current[1], s.load_torque[1], shaft[1], rate[1], z[1], plant, built)
     t3, less3 = shaft_torque(current[2], s.load_torque[2], shaft[2], rate[2], z[2], plant, built)
@@ -195,7 +232,9 @@ def _accelerations(arms, shafts, current, plant, built):
         (felt[1] - c.linear_inertia * shafts[1]) / k + less2,
         (felt[2] - c.linear_inertia * shafts[2]) / k + less3,
     )
-    return arms, shafts, coupling
+    if r.frame_mass > 0.0:
+        push = plus(push, 1.0, combine(arms[0], h[0], arms[1], h[1], arms[2], h[2]))
+    return arms, shafts, coupling, push
 
 
 @kernel
@@ -222,13 +261,19 @@ def step_built(before, now, plant, built):
     for part in range(r.substeps):
         mean = plus(before, (part + 0.5) / r.substeps, rise)
         middle_rate = plus(rate, 0.5 * h, turning)
-        last, turning, _ = _accelerations(
+        last, turning, _, push = _accelerations(
             (plus(theta, 0.5 * h, thetadot), plus(thetadot, 0.5 * h, last)),
             (plus(shaft, 0.5 * h, rate), middle_rate, _bristles(bristle, middle_rate, 0.5 * h, c, m, r)),
             mean,
             plant,
             built,
         )
+        if r.frame_mass > 0.0:
+            for axis in range(2):
+                held = r.frame_damping * q.frame_speed[axis] + r.frame_stiffness * q.frame[axis]
+                q.frame_acceleration[axis] = -(push[axis] + held) / r.frame_mass
+                q.frame_speed[axis] += h * q.frame_acceleration[axis]
+                q.frame[axis] += h * q.frame_speed[axis]
         after = caught_speeds(rate, h, turning, s)
         mean_rate = middle(rate, after)
         shaft = plus(shaft, h, mean_rate)
@@ -243,13 +288,15 @@ def step_built(before, now, plant, built):
     for i in range(3):
         s.theta[i], s.thetadot[i], s.thetaddot[i] = theta[i], thetadot[i], last[i]
         q.shaft[i], q.rate[i], q.acceleration[i], q.bristle[i] = shaft[i], rate[i], turning[i], bristle[i]
+    if c.gives != 0:
+        displace(plant, built)
 
 
 @kernel
 def built_coupling(plant, built):
     """Coupling torques d [N m, motor side] at the end of a step (4.31)."""
     s, q = plant.state, built.state
-    _, _, coupling = _accelerations(
+    _, _, coupling, _ = _accelerations(
         (triple(s.theta), triple(s.thetadot)),
         (triple(q.shaft), triple(q.rate), triple(q.bristle)),
         triple(s.current),
@@ -257,6 +304,35 @@ def built_coupling(plant, built):
         built,
     )
     return coupling
+
+
+@kernel
+def displace(plant, built):
+    """Set the displacement of the true TCP by the frame and by the stretch of the rods."""
+    s, q, r, n = plant.state, built.state, built.constants, plant.inertia
+    offset = (q.frame[0], q.frame[1], 0.0)
+    if r.rod_stiffness > 0.0:
+        theta, thetadot, thetaddot = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
+        _, forearm, _ = pose(theta, plant.geometry)
+        h, force = momentum_terms(theta, thetadot, (n.plate, n.rod, n.rod, n.rod), plant.geometry)
+        force = plus(force, 1.0, combine(thetaddot[0], h[0], thetaddot[1], h[1], thetaddot[2], h[2]))
+        force = (force[0], force[1], force[2] + (n.plate + 3.0 * n.rod) * n.gravity)
+        n1, n2, n3, determinant = inverse_columns(forearm)
+        # force of each pair of rods over its length, then the stretch of the rods and the shift of the plate
+        along = (-dot(n1, force) / determinant, -dot(n2, force) / determinant, -dot(n3, force) / determinant)
+        per_pair = 0.5 / (r.rod_stiffness * determinant)
+        l_b = plant.geometry.l_b
+        shift = combine(
+            along[0] * l_b[0] * l_b[0] * per_pair,
+            n1,
+            along[1] * l_b[1] * l_b[1] * per_pair,
+            n2,
+            along[2] * l_b[2] * l_b[2] * per_pair,
+            n3,
+        )
+        offset = plus(offset, 1.0, shift)
+    for axis in range(3):
+        s.offset[axis] = offset[axis]
 
 
 @kernel

@@ -15,12 +15,19 @@ from delta3_pacdrive.dynamics import inertia
 from delta3_pacdrive.kinematics import geometry, plate_position
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.numerics.vector3 import difference, triple
+from delta3_pacdrive.numerics.vector3 import difference, plus, triple
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.motor import drawn_energy, motor
 from delta3_pacdrive.robot.plant.arrays import PLANT, plant_constants
 from delta3_pacdrive.robot.plant.brake import advance_brakes, command_brakes
-from delta3_pacdrive.robot.plant.built_robot import BUILT, built_constants, built_coupling, settle, step_built
+from delta3_pacdrive.robot.plant.built_robot import (
+    BUILT,
+    built_constants,
+    built_coupling,
+    displace,
+    settle,
+    step_built,
+)
 from delta3_pacdrive.robot.plant.contact import hang_payload
 from delta3_pacdrive.robot.plant.decoupled import require_stable, step_decoupled
 from delta3_pacdrive.robot.plant.plate_pose import plate_constants, tool_place
@@ -86,11 +93,15 @@ def advance(currents, brakes, payload_kg, plant, built):
 
 @kernel
 def true_tcp(plant):
-    """True TCP [m] of the built arms."""
+    """True TCP [m] of the built arms, in space."""
     p = plant[0]
     if p.plate.tilts != 0:
-        return tool_place(triple(p.state.theta), p.geometry, p.plate)
-    return plate_position(triple(p.state.theta), p.geometry)
+        place = tool_place(triple(p.state.theta), p.geometry, p.plate)
+    else:
+        place = plate_position(triple(p.state.theta), p.geometry)
+    if p.constants.gives != 0:
+        return plus(place, 1.0, triple(p.state.offset))
+    return place
 
 
 class Plant:
@@ -135,10 +146,11 @@ class Plant:
         state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         state['theta'] += record['constants']['angle_error'] - parameters.kinematics.corrections.angle_rad
         self.built: NDArray[Any] | None = None
-        if effects.gear or effects.friction or effects.ripple:
+        if effects.gear or effects.friction or effects.ripple or effects.frame or effects.elastic_rods:
             self.built = np.zeros(1, BUILT)
             self.built['constants'] = built_constants(parameters)
             settle(record[0], self.built[0])
+            displace(record[0], self.built[0])
         state['brake_locked'] = 1
         state['brake_share'] = 1.0
         state['gripped'] = state['carried'] = payload_kg = parameters.dynamics.payload_mass_kg

@@ -52,6 +52,8 @@ def test_an_effect_without_magnitude_is_as_if_it_were_off(effect, robot):
         'friction': {'rich__break_away_torque_n_m': 0.1, 'rich__presliding_rad': 1e-5},
         'ripple': {'rich__cogging_torque_n_m': 0.0, 'rich__torque_ripple': 0.0},
         'sensors': {},
+        'frame': {'rich__frame_mass_kg': 1e5},
+        'elastic_rods': {'rich__rod_stiffness_n_m': 1e9},
         'geometry': {
             f'rich__{name}': [0.0] * 3
             for name in (
@@ -64,7 +66,7 @@ def test_an_effect_without_magnitude_is_as_if_it_were_off(effect, robot):
         },
     }[effect]
     # a gear this stiff yields a few 1e-6 rad; friction without stiction still is none of tanh
-    close = {'gear': 3e-5, 'friction': 5e-3}.get(effect, 1e-7)
+    close = {'gear': 3e-5, 'friction': 5e-3, 'frame': 2e-5}.get(effect, 1e-7)
     found = drive(released_plant(with_only(robot, effect, **nothing)), 150, [1.0, -0.8, 0.3])
     plain = drive(
         released_plant(with_only(robot, **{k: v for k, v in nothing.items() if k[:4] == 'dyna'})),
