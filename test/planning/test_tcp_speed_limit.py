@@ -30,7 +30,7 @@ ABOVE, BELOW = math.nextafter(LIMIT, math.inf), math.nextafter(LIMIT, 0.0)
 @pytest.fixture(scope='module')
 def slow():
     """Return the default robot with a limit of 2 m/s."""
-    return parameters.load().replace(motion__tcp_speed_limit_m_s=LIMIT)
+    return parameters.load().replace(gear__limit_moves=False, motion__tcp_speed_limit_m_s=LIMIT)
 
 
 def line(speed_m_s=None, **more):
