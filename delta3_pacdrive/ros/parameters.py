@@ -25,7 +25,7 @@ SHOWN = {
     ),
     'transformation_task': (
         'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',
-        'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s', 'control',
+        'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s', 'control', 'gear', 'joints',
     ),
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',

@@ -65,6 +65,7 @@ SMALL = {
     'shaping': ('--moves', '1'),
     'robots': ('--seconds', '1', '--robots', '2'),
     'steering': ('--streams', '2'),
+    'timing': (),
 }
 QUICK = {'simulate', 'shaping', 'steering'}
 

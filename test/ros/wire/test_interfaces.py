@@ -49,7 +49,7 @@ OF_RCLPY = {
 BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(ALL_DRIVES)}
 ROTARY = {'rotary__present': True, 'rotary_2__present': True}
 AXES = parameters.load().replace(**ROTARY).axes
-ON_REQUEST = {'motion__start_cycle': -1, **ROTARY}
+ON_REQUEST = {'motion__start_cycle': -1, 'supply__enabled': True, **ROTARY}
 
 
 @pytest.fixture(scope='module')
@@ -254,6 +254,7 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
         *(f'sercos/at/{axis}' for axis in ALL_DRIVES),
         *(f'{axis}/motor_current' for axis in ALL_DRIVES),
         'plant/motor_shafts',
+        'plant/dc_link',
         'sercos/at/io',
         'sercos/at/belts',
     }

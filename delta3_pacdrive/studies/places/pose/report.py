@@ -52,6 +52,7 @@ def document(pose: Pose, parameters: Parameters) -> dict[str, Any]:
         'holding_torque_n_m': torque,
         'holding_motor_torque_n_m': None if torque is None else torque / parameters.dynamics.gear_ratio,
         'holding_current_a': pose.holding_current_a,
+        'gear_torque_limit_n_m': parameters.gear_torque_max_n_m if parameters.gear.limit_moves else None,
         'rod_force_n': None if pose.forces is None else pose.forces.rod_n[0],
         'spring_force_n': None if pose.forces is None else pose.forces.spring_n[0],
     }

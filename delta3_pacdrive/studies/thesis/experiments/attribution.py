@@ -51,6 +51,8 @@ EFFECTS = {
     'encoders': Effect('encoders', 'sensors', ('encoder_noise_rad', 'encoder_error_rad')),
     'geometry': Effect('geometric errors', 'geometry'),
     'parallelogram': Effect('rods and tilt of the plate', 'parallelogram'),
+    'frame': Effect('machine frame', 'frame'),
+    'elastic_rods': Effect('elastic rods', 'elastic_rods'),
 }
 
 # attributed numbers in addition to the deviation of each signal: (signal, statistic)

@@ -170,8 +170,9 @@ def test_a_gap_in_a_recording_costs_only_its_cycles(robot, short_program, compar
 def test_every_switch_of_the_rich_plant_is_an_effect(rich):
     switches = {f.name for f in dataclasses.fields(rich.rich) if f.type is bool} - {'enabled'}
     assert {effect.switch for effect in EFFECTS.values()} == switches
-    assert effects_of(rich.replace(rich__parallelogram=True)) == tuple(EFFECTS)
-    assert effects_of(rich) == tuple(name for name in EFFECTS if name != 'parallelogram')
+    optional = ('parallelogram', 'frame', 'elastic_rods')
+    assert effects_of(rich.replace(**{f'rich__{name}': True for name in optional})) == tuple(EFFECTS)
+    assert effects_of(rich) == tuple(name for name in EFFECTS if name not in optional)
 
 
 def test_robot_with_all_effects_is_unchanged_and_without_any_nominal(rich, robot, short_program):
