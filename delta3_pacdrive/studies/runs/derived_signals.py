@@ -61,7 +61,7 @@ def derived(trace: Trace) -> dict[str, Floats]:
         wide = max(1, round(SLOPE_S / period))
         found['tcp_velocity'] = _derivatives(place, period, 1)[0][rows]
         found['tcp_acceleration'] = _derivatives(place, period, wide)[1][rows]
-    of_plant = 'coupling_torque' in trace.signals and 'shaft_speed' in trace.signals
+    of_plant = all(name in trace.signals for name in ('coupling_torque', 'shaft_speed', 'current_mean'))
     if of_plant and (robot := _robot_of(trace)) is not None:
         found['gear_torque'] = gear_torques(trace, rows, period, robot)
     return {name: values for name, values in found.items() if name not in trace.signals}
@@ -122,17 +122,26 @@ def _robot_of(trace: Trace) -> Parameters | None:
 
 
 def gear_torques(trace: Trace, rows: NDArray[np.int64], period_s: float, robot: Parameters) -> Floats:
-    """Return the torques at the outputs of the gears [N m]: k_r d + (A_bar - I_rotor) thetaddot (4.31), (cycles, 3).
+    """Return the torques at the outputs of the gears [N m], (cycles, 3); ``rows`` are the grid rows of the cycles.
 
-    ``rows`` are the grid rows of the cycles. End stops are not included.
+    Rigid gears: k_r d + (A_bar - I_rotor) thetaddot (4.31), with brakes and any payload, without end stops. Elastic
+    gears vibrate at frequencies that differences of the shaft speed do not resolve: mean of the cycle
+    k_r (K_m I - friction) - I_rotor thetaddot, without brakes.
     """
     from delta3_pacdrive.dynamics import rotor_inertia  # slow import: needs the compiler
 
-    ratio = robot.dynamics.gear_ratio
-    speed = _without_gaps(trace['shaft_speed'], rows, LOST_MAX) / ratio
-    acceleration = _derivatives(speed, period_s, 1)[0][rows]
-    inertia = robot.drive.observer_arm_inertia_kg_m2 - rotor_inertia(robot)
-    return np.asarray(ratio * trace['coupling_torque'] + inertia * acceleration)
+    ratio, motor, rotor = robot.dynamics.gear_ratio, robot.motor, rotor_inertia(robot)
+    speed = _without_gaps(trace['shaft_speed'], rows, LOST_MAX)
+    if not robot.rich.effects.gear:
+        acceleration = _derivatives(speed / ratio, period_s, 1)[0][rows]
+        inertia = robot.drive.observer_arm_inertia_kg_m2 - rotor
+        return np.asarray(ratio * trace['coupling_torque'] + inertia * acceleration)
+    change = np.diff(speed, axis=0, append=speed[-1:])[rows]
+    mean = speed[rows] + 0.5 * change
+    friction = motor.static_friction_n_m * np.tanh(mean / motor.friction_smoothing_rad_s)
+    friction += motor.viscous_friction_n_m_s_rad * mean
+    torque = motor.torque_constant_n_m_a * trace['current_mean'] - friction
+    return np.asarray(ratio * torque - rotor * change / ratio / period_s)
 
 
 def _forces(trace: Trace) -> dict[str, Floats]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from built_plant import with_only
 from delta3_pacdrive import dynamics, simulation
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.errors import ParameterError
@@ -110,6 +111,29 @@ def test_executed_program_loads_the_gears_as_planned():
     for name in ('torque_max_n_m', 'equivalent_torque_n_m', 'mean_input_speed_rpm'):
         # the drives smooth the peaks of the jerk-limited motion
         assert getattr(found, name) == pytest.approx(getattr(planned, name), rel=0.15)
+
+
+def test_executed_program_of_a_robot_with_elastic_gears_loads_them_by_their_twist(robot):
+    """The torque from current and speed of the motors against spring and damper of the gears, as means of 5 ms."""
+    elastic = with_only(load('model'), 'gear')
+    program = file_reader.load(config_directory() / 'programs' / 'packaging.yaml', elastic.motion)
+    trace = added(simulation.run(program, elastic))
+    rich = elastic.rich
+    twist = trace['shaft_position'] / elastic.dynamics.gear_ratio - trace['arm_angle']
+    beyond = np.sign(twist) * np.maximum(np.abs(twist) - 0.5 * rich.gear_backlash_rad, 0.0)
+    rate = np.gradient(beyond, elastic.bus.cycle_time_s, axis=0)
+    expected = rich.gear_stiffness_n_m_rad * beyond + rich.gear_damping_n_m_s_rad * rate
+
+    def smoothed(values):
+        return np.stack([np.convolve(column, np.full(5, 0.2), 'valid') for column in values.T], axis=1)
+
+    # before the program the brakes hold the arms, whose torque current and speed do not show
+    inner = slice(trace.meta['start_cycle'], trace.meta['end_cycle'])
+    off = smoothed(trace['gear_torque'][inner]) - smoothed(expected[inner])
+    assert np.sqrt(np.mean(off**2)) < 0.05 * np.abs(expected).max()
+    found = gears_of_round(trace, elastic)
+    planned = evaluation.of_program(program, elastic).gears.figures(elastic.gear)
+    assert found.equivalent_torque_n_m == pytest.approx(planned.equivalent_torque_n_m, rel=0.15)
 
 
 def fast(robot, **fields):
