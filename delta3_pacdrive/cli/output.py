@@ -192,6 +192,10 @@ def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
     used: dict[str, Any] = {
         'warnings': thermal_warnings(result['current_rms_a'], robot.motor.nominal_current_a)
     }
+    if 'temperature' in result:
+        from delta3_pacdrive.planning.limits.temperature import Temperatures
+
+        used['warnings'] += Temperatures(**result['temperature']).warnings()
     if 'gears' in result:
         from delta3_pacdrive.planning.limits.gear_load import GearFigures
 
@@ -256,6 +260,10 @@ def figures_text(result: dict[str, Any]) -> list[str]:
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
+    if 'temperature' in result:
+        from delta3_pacdrive.planning.limits.temperature import Temperatures
+
+        rows.append(('temperature', Temperatures(**result['temperature']).text))
     if 'energy' in result:
         from delta3_pacdrive.planning.limits.energy import Energy
 

@@ -56,6 +56,7 @@ from delta3_pacdrive.parameters.robot import (
 from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
 from delta3_pacdrive.parameters.supply import Supply
+from delta3_pacdrive.parameters.thermal import Thermal
 
 __all__ = [
     'ARMS',
@@ -101,6 +102,7 @@ __all__ = [
     'Rich',
     'Rotary',
     'Supply',
+    'Thermal',
     'config_directory',
     'find',
     'flat_document',

@@ -34,6 +34,7 @@ from delta3_pacdrive.parameters.rotary import GROUPS as ROTARY_GROUPS
 from delta3_pacdrive.parameters.rotary import Rotary, present_axes
 from delta3_pacdrive.parameters.rules import broken_rules
 from delta3_pacdrive.parameters.supply import Supply
+from delta3_pacdrive.parameters.thermal import Thermal
 
 PLANTS = ('plain', 'rich')
 BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
@@ -58,6 +59,7 @@ class Parameters:
     rotary: Rotary = field(default_factory=Rotary)
     rotary_2: Rotary = field(default_factory=Rotary)
     supply: Supply = field(default_factory=Supply)
+    thermal: Thermal = field(default_factory=Thermal)
 
     def __post_init__(self) -> None:
         """Check the rules between values."""
@@ -205,10 +207,11 @@ class Parameters:
 
     @functools.cached_property
     def checksum(self) -> str:
-        """Digest of every value; participants agree if their digests are equal.
+        """Digest of every value that a run depends on; participants agree if their digests are equal.
 
         Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears and of
-        joints that are not enabled are excluded, so that the digests of such robots do not change.
+        joints that are not enabled are excluded, so that the digests of such robots do not change. The temperatures of
+        the group ``thermal`` follow from a run and do not change it.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
@@ -220,6 +223,7 @@ class Parameters:
                 ('supply', self.supply.enabled),
                 ('gear', self.gear.limit_moves),
                 ('joints', self.joints.limit_moves),
+                ('thermal', False),
             )
             if not is_used
         ]

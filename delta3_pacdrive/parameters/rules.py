@@ -23,6 +23,7 @@ from delta3_pacdrive.parameters.records import (
 )
 from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary, present_axes, violation
 from delta3_pacdrive.parameters.supply import Supply, broken_supply
+from delta3_pacdrive.parameters.thermal import Thermal, broken_thermal
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # older coupling torques make the drives oscillate
@@ -54,6 +55,7 @@ def broken_rules(
     rotary_2: Rotary,
     motion: Motion,
     supply: Supply,
+    thermal: Thermal,
     **_: Any,
 ) -> Rules:
     """Yield violated rules between values."""
@@ -69,6 +71,7 @@ def broken_rules(
     yield from _broken_speeds(motion)
     yield from broken_rotary(rotary, rotary_2)
     yield from broken_supply(supply, drive.dc_link_voltage_v)
+    yield from broken_thermal(thermal)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:

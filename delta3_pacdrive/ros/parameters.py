@@ -33,7 +33,7 @@ SHOWN = {
     ),
     'plant': (
         'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'rotary_2', 'drive.current_period_s',
-        'motion.home_m', 'supply', 'drive.dc_link_voltage_v',
+        'motion.home_m', 'supply', 'thermal', 'drive.dc_link_voltage_v',
     ),
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),

@@ -28,7 +28,7 @@ from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.studies.runs import derived_signals, runs, trace_export
-from delta3_pacdrive.studies.runs.run_signals import energy_of_round
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round, temperatures_of_round
 from same_bits import FIGURES, assert_same, assert_same_where_recorded
 from thoroughness import some
 
@@ -253,6 +253,11 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
     recorded, result = _run(delta3, tmp_path / 'bag', *options, program='packaging_fast')
     assert_same(simulated, recorded, result)
     assert result['energy'] == asdict(energy_of_round(simulated, robot, 10))
+    temperature = asdict(temperatures_of_round(simulated, robot))
+    assert result['temperature'] == {
+        name: list(value) if isinstance(value, tuple) else value for name, value in temperature.items()
+    }
+    assert [one for one in result['warnings'] if one.startswith('the winding of motor 1 reaches 140 degC')]
 
 
 @pytest.mark.long

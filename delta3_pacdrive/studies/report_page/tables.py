@@ -18,7 +18,7 @@ from delta3_pacdrive.studies.report_page.surroundings import first_cycle, shown_
 from delta3_pacdrive.studies.runs.alignment import BY_CORRELATION
 from delta3_pacdrive.studies.runs.derived_signals import added
 from delta3_pacdrive.studies.runs.run_comparison import Comparison, driven_currents, move_figures
-from delta3_pacdrive.studies.runs.run_signals import energy_of_round, gears_of_round
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round, gears_of_round, temperatures_of_round
 from delta3_pacdrive.studies.runs.run_supply import supply_of_run
 from delta3_pacdrive.studies.runs.runs import Run, named
 
@@ -206,7 +206,7 @@ def _currents(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 
 def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return energy and load of the gears of each run, if known."""
+    """Return energy, temperatures and load of the gears of each run, if known."""
     lines = []
     for run, name in zip(runs, names, strict=True):
         repeat = run.whole.meta.get('repeat', 1)
@@ -216,6 +216,9 @@ def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
             lines.append(f'<p>Energy{whose}: {escape(found.text(repeat))}.</p>')
             if (supply := supply_of_run(run.whole, run.robot)) is not None:
                 lines += [f'<p>{row.capitalize()}{whose}: {escape(text)}.</p>' for row, text in supply.rows()]
+            if (temperature := temperatures_of_round(run.whole, run.robot)) is not None:
+                lines.append(f'<p>Temperature{whose}: {escape(temperature.text)}.</p>')
+                lines += [f'<p><b>Warning</b>: {escape(one)}.</p>' for one in temperature.warnings()]
         gears = gears_of_round(added(run.whole), run.robot)
         if gears is not None:
             whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''

@@ -22,6 +22,7 @@ from delta3_pacdrive.studies.runs.run_signals import (
     gears_of_round,
     noted_cycle,
     positive,
+    temperatures_of_round,
 )
 
 if TYPE_CHECKING:
@@ -68,12 +69,17 @@ def derived(trace: Trace) -> dict[str, Floats]:
 
 
 def loads_of_round(trace: Trace, robot: Parameters, repeat: int) -> dict[str, Any]:
-    """Return energy of a round, load of the gears, and load of a modelled supply for JSON, as far as they are known."""
+    """Return loads of a run for JSON, as far as they are known.
+
+    They are the energy of a round, the load of the gears, the temperatures of the motors after a shift, and the load
+    of a modelled supply.
+    """
     from delta3_pacdrive.studies.runs.run_supply import supply_of_run  # slow import: needs the compiler
 
     found = {
         'energy': energy_of_round(trace, robot, repeat),
         'gears': gears_of_round(added(trace), robot),
+        'temperature': temperatures_of_round(trace, robot),
         'supply': supply_of_run(trace, robot),
     }
     return {name: asdict(one) for name, one in found.items() if one is not None}

@@ -15,6 +15,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.energy import Energy, sampled_energy
 from delta3_pacdrive.planning.limits.gear_load import GearFigures, sampled_gear_load
+from delta3_pacdrive.planning.limits.temperature import Temperatures, sampled_heat_load
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
@@ -200,6 +201,18 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
 
     Friction is that of the parameters; in a built robot the friction of the gears differs.
     """
+    found = _motor_samples(trace, parameters)
+    return None if found is None else sampled_energy(*found, parameters).times(1.0 / repeat)
+
+
+def temperatures_of_round(trace: Trace, parameters: Parameters) -> Temperatures | None:
+    """Return the temperatures of the motors after a shift of the program of a trace; None if it is incomplete."""
+    found = _motor_samples(trace, parameters)
+    return None if found is None else sampled_heat_load(*found, parameters).temperatures(parameters)
+
+
+def _motor_samples(trace: Trace, parameters: Parameters) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return times, motor speeds, currents and mean squares of the currents; None if the trace is incomplete."""
     rows = _rows_of_program(trace, NEEDED, parameters)
     if rows is None:
         return None
@@ -207,8 +220,7 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
     speed, mean, rms = (np.asarray(trace[name][first : last + 1], dtype=np.float64) for name in NEEDED)
     # currents are averages over a cycle, speeds are values at its start
     between = 0.5 * (speed[:-1] + speed[1:])
-    found = sampled_energy(trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2, parameters)
-    return found.times(1.0 / repeat)
+    return trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2
 
 
 def gears_of_round(trace: Trace, parameters: Parameters) -> GearFigures | None:

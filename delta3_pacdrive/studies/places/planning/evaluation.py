@@ -16,6 +16,7 @@ from delta3_pacdrive.planning.limits.gear_load import GearLoad, gear_load
 from delta3_pacdrive.planning.limits.joint_forces import JointForces, joint_forces
 from delta3_pacdrive.planning.limits.limits import arm_bounds, workspace_bounds
 from delta3_pacdrive.planning.limits.supply import load_of_motion
+from delta3_pacdrive.planning.limits.temperature import HeatLoad, heat_load
 from delta3_pacdrive.planning.paths.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.planning.paths.path_dynamics import (
     PARALLEL,
@@ -97,8 +98,15 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
     if parameters.supply.enabled and motions:
         time_s, current_a, speed_rad_s = (np.concatenate(one) for one in zip(*motions, strict=True))
         load = load_of_motion(time_s, current_a, speed_rad_s, parameters)
+    of_round = _of_round(planned, loads, parameters)
     return PlanStudy(
-        planned, _joined(pieces), tuple(rows), *_of_round(planned, loads, parameters), supply=load
+        planned,
+        _joined(pieces),
+        tuple(rows),
+        of_round.energy,
+        of_round.gears,
+        of_round.heat.temperatures(parameters, planned.override_max),
+        supply=load,
     )
 
 
@@ -107,19 +115,32 @@ class _Loads(NamedTuple):
 
     energy: Energy
     gears: GearLoad
+    heat: HeatLoad
+
+    def plus(self, other: '_Loads') -> '_Loads':
+        """Return the loads of both motions."""
+        return _Loads(self.energy + other.energy, self.gears + other.gears, self.heat + other.heat)
+
+    def times(self, count: float) -> '_Loads':
+        """Return the loads of ``count`` repetitions."""
+        return _Loads(self.energy.times(count), self.gears.times(count), self.heat.times(count))
 
 
 def _loads(part: _Part, parameters: Parameters) -> _Loads:
-    return _Loads(energy(part.dynamics, parameters), gear_load(part.dynamics, parameters))
+    d = part.dynamics
+    return _Loads(energy(d, parameters), gear_load(d, parameters), heat_load(d, parameters))
 
 
 def _of_round(planned: Planned, known: dict[int, _Loads], parameters: Parameters) -> _Loads:
     """Return the mean loads per round; ``known`` contains those of moves by number."""
-    energies, gears = Energy(), GearLoad(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
+    none = np.zeros(3)
+    loads = _Loads(
+        Energy(), GearLoad(none, none, none, 0.0), HeatLoad(np.zeros((3, 3, 3)), none, none, none, 0.0)
+    )
     for number, count in zip(*np.unique(planned.plan.tables.order, return_counts=True), strict=True):
         one = known.get(int(number)) or _loads(_part(planned, int(number), parameters), parameters)
-        energies, gears = energies + one.energy.times(float(count)), gears + one.gears.times(float(count))
-    return _Loads(energies.times(1.0 / planned.repeat), gears.times(1.0 / planned.repeat))
+        loads = loads.plus(one.times(float(count)))
+    return loads.times(1.0 / planned.repeat)
 
 
 def of_program(program: Program, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:

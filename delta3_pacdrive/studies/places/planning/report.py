@@ -52,6 +52,7 @@ def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False
         'energy': to_dict(found.energy),
         **({} if found.supply is None else {'supply': to_dict(found.supply)}),
         'gears': to_dict(found.gears.figures(parameters.gear)),
+        'temperature': to_dict(found.temperature),
         'override_max': planned.override_max,
         'rate': planned.rate,
         'used_max': to_dict(used_max(found)),
@@ -65,7 +66,12 @@ def warnings(found: PlanStudy, parameters: Parameters) -> list[str]:
     """Return warnings of motors and gears that are overloaded by a plan."""
     gear = parameters.gear
     motors = thermal_warnings(found.planned.rms_current_a, parameters.motor.nominal_current_a)
-    return [*motors, *found.gears.figures(gear).warnings(gear), *_force_warnings(found, parameters)]
+    return [
+        *motors,
+        *found.temperature.warnings(),
+        *found.gears.figures(gear).warnings(gear),
+        *_force_warnings(found, parameters),
+    ]
 
 
 def _force_warnings(found: PlanStudy, parameters: Parameters) -> list[str]:
@@ -171,6 +177,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
             f'{planned.plan.duration_s:.3f} s{rounds}, override up to {percent_allowed(planned.override_max)} %',
         ),
         ('rms current', f'{currents} A, {share_text(planned.rms_current_a, nominal, "nominal")}'),
+        ('temperature', found.temperature.text),
         ('energy', found.energy.text(planned.repeat)),
         *(() if found.supply is None else found.supply.rows()),
         *zip(('gears', ''), found.gears.figures(parameters.gear).lines(parameters.gear), strict=True),

@@ -11,6 +11,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.energy import Energy
 from delta3_pacdrive.planning.limits.gear_load import GearLoad
 from delta3_pacdrive.planning.limits.supply import SupplyLoad
+from delta3_pacdrive.planning.limits.temperature import Temperatures
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
@@ -160,11 +161,12 @@ class MoveRow:
 
 @dataclass(frozen=True)
 class PlanStudy:
-    """Planned program with samples and rows of its first round, and energy and gear load of a round."""
+    """Planned program with samples and rows of its first round; loads of a round, temperatures after a shift."""
 
     planned: Planned
     samples: Samples
     rows: tuple[MoveRow, ...]
     energy: Energy
     gears: GearLoad
+    temperature: Temperatures
     supply: SupplyLoad | None = None  # of the first round by the arms; None without a model of the supply
