@@ -1,5 +1,7 @@
 """Tests of the limits, the equivalent torque and the life of the gears."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -150,6 +152,9 @@ def test_moves_respect_the_acceleration_torque(time_optimal, robot):
     assert np.abs(free.samples.gear_torque_n_m).max() > 90.0
     assert 57.0 < np.abs(found.samples.gear_torque_n_m).max() < 60.0 * KEPT
     assert found.planned.plan.duration_s > free.planned.plan.duration_s
+    # slowing down the whole motion would cost more
+    slowed = math.sqrt(np.abs(free.samples.gear_torque_n_m).max() / 60.0) * free.planned.plan.duration_s
+    assert found.planned.plan.duration_s < 0.85 * slowed
     assert {row.limited_by.quantity.value for row in found.rows if row.kind == 'line'} == {'gear torque'}
 
 
