@@ -4,12 +4,14 @@ import inspect
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.errors import ProgramError, TraceError, UnreachableError
+from delta3_pacdrive.robot.faults.fault import KINDS
 
 FUNCTIONS = [
     d3.load_parameters,
@@ -100,3 +102,8 @@ def test_unreachable_positions_are_nan_on_request():
     np.testing.assert_allclose(points[[0, 2]], np.array(FAR)[[0, 2]], atol=1e-12)
     with pytest.raises(ValueError, match='must be "raise" or "nan"'):
         d3.kinematics.inverse(FAR, robot, unreachable='zero')
+
+
+def test_readme_states_the_number_of_kinds_of_faults():
+    text = (Path(__file__).parents[1] / 'README.md').read_text(encoding='utf-8')
+    assert f'**Faults:** {len(KINDS.keys() - {"clear"})} kinds' in text

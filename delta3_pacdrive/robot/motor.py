@@ -17,8 +17,12 @@ Arguments of the functions and kernels here:
     Speed [rad/s] and position [rad] of the motor shaft.
 ``m``
     Record ``MOTOR``.
+``speed_rad_s``
+    Speeds [rad/s] of motor shafts, any shape.
 ``parameters``
     The parameters of a robot: a ``Parameters``.
+``motor``
+    Their group ``motor``.
 """
 
 import math
@@ -29,7 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Motor, Parameters
 
 TERMINAL_SHORT = 0.02  # remaining share of R and L, of cable and arc, when the terminals are short-circuited
 
@@ -102,6 +107,12 @@ def drawn_energy(before, now, speed, step, m):
     heat = m.phase_resistance * (before * before + before * now + now * now) * step
     magnetic = 1.5 * m.phase_inductance * (now * now - before * before)
     return heat + magnetic + 0.5 * m.torque_constant * (before + now) * speed * step
+
+
+def friction_torques(speed_rad_s: Floats, motor: Motor) -> Floats:
+    """Return the friction torques [N m] that oppose the speeds, same shape."""
+    dry = motor.static_friction_n_m * np.tanh(speed_rad_s / motor.friction_smoothing_rad_s)
+    return np.asarray(dry + motor.viscous_friction_n_m_s_rad * speed_rad_s)
 
 
 @kernel

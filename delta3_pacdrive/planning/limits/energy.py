@@ -7,6 +7,7 @@ import numpy as np
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
+from delta3_pacdrive.robot.motor import friction_torques
 
 PHASES = 3
 MOTORS = 3
@@ -67,11 +68,9 @@ def sampled_energy(
 
     """
     motor = parameters.motor
-    friction = motor.static_friction_n_m * np.tanh(speed_rad_s / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * speed_rad_s
     copper = (PHASES * motor.winding_resistance_ohm / 2.0 * square_a2).sum(axis=1)
     power = (motor.torque_constant_n_m_a * current_a * speed_rad_s).sum(axis=1) + copper
-    lost = (friction * speed_rad_s).sum(axis=1)
+    lost = (friction_torques(speed_rad_s, motor) * speed_rad_s).sum(axis=1)
     powers = np.stack([copper, lost, np.maximum(power, 0.0), np.maximum(-power, 0.0)])
     return Energy(*np.trapezoid(powers, time_s).tolist())
 

@@ -8,9 +8,9 @@ A motion needs the same torque at every temperature, so that the current rises a
 
     P_cu = 3/2 R I^2 (1 + a dT)/(1 + b dT)^2,   dT = T_w - T_ref,   P_fe = P_fe,max (|w|/w_max)^n
 
-with the current I for K_m at T_ref. The magnets are assumed to be as hot as the winding. If the loss grows faster than
-the heat that leaves, there is no steady state: the winding runs away. The viscous friction falls with the oil of the
-gears from F_v to a share of it, and with it the current and the friction loss P_fr.
+with the current I for K_m at T_ref. The magnets are assumed to be as hot as the winding. A loss that grows faster than
+the heat flow to the ambient has no steady state: the winding runs away. As the oil of the gears warms up, the viscous
+friction falls from F_v to a share of it, and with it the current and the friction loss P_fr.
 """
 
 import math

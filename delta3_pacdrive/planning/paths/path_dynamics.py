@@ -56,6 +56,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, dot
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.motor import friction_torques
 
 COLUMNS = 25
 THETA, RATE, CURVATURE, INERTIAL, CENTRIFUGAL, WEIGHT, SERIAL, SWING = (
@@ -246,9 +247,7 @@ def timed_dynamics(
     motor = parameters.motor
     torque = moving_torque(master, coefficients)
     motor_speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio
-    friction = motor.static_friction_n_m * np.tanh(motor_speed / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * motor_speed
-    standing = (coefficients[:, WEIGHT] + friction) / motor.torque_constant_n_m_a
+    standing = (coefficients[:, WEIGHT] + friction_torques(motor_speed, motor)) / motor.torque_constant_n_m_a
     current = torque / motor.torque_constant_n_m_a + standing
     # rms per phase: resistance and back-EMF; the inductance adds less than 1 V at these rates of change
     voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed

@@ -156,9 +156,9 @@ class BusDrive:
             )
             return
         self._master.received(self._now_s())
-        for arrived, what in self._link.arrivals(self._axis, cycle, command):
-            garbled = what is None and self._link.garbles(self._axis, arrived)
-            taken = self.clock.take_command(arrived, what, garbled)
+        for arrived, received in self._link.arrivals(self._axis, cycle, command):
+            garbled = received is None and self._link.garbles(self._axis, arrived)
+            taken = self.clock.take_command(arrived, received, garbled)
             if taken in (Taken.LATE, Taken.REPEATED) and self.clock.awaits_command:
                 self._port.repeat_current()  # the bus is waiting, but all participants are running
             elif taken is Taken.CONTRADICTED:

@@ -22,6 +22,7 @@ from delta3_pacdrive.planning.plan import sample_plan
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.motor import friction_torques
 from delta3_pacdrive.studies.estimation.identifiability import Identifiability, analyse
 from delta3_pacdrive.studies.estimation.models import GeometryModel, TorqueModel, slope
 from delta3_pacdrive.studies.estimation.problem import Model, Problem
@@ -105,13 +106,10 @@ def planned_trace(program: Program, parameters: Parameters) -> Trace:
     rates = slope(arms, SAMPLE_S)
     torque = dynamics.inverse(arms, rates, slope(rates, SAMPLE_S), parameters) / ratio
     speed = rates * ratio
-    friction = motor.viscous_friction_n_m_s_rad * speed + motor.static_friction_n_m * np.tanh(
-        speed / motor.friction_smoothing_rad_s
-    )
     signals = {
         'motor_position': arms * ratio,
         'motor_speed': speed,
-        'current': (torque + friction) / motor.torque_constant_n_m_a,
+        'current': (torque + friction_torques(speed, motor)) / motor.torque_constant_n_m_a,
         'tcp_measured': points,
     }
     meta = {'cycle_time_s': SAMPLE_S, 'start_cycle': 0, 'end_cycle': len(times) - 1}

@@ -135,6 +135,7 @@ def gear_torques(trace: Trace, rows: NDArray[np.int64], period_s: float, robot: 
     k_r (K_m I - friction) - I_rotor thetaddot, without brakes.
     """
     from delta3_pacdrive.dynamics import rotor_inertia  # slow import: needs the compiler
+    from delta3_pacdrive.robot.motor import friction_torques
 
     ratio, motor, rotor = robot.dynamics.gear_ratio, robot.motor, rotor_inertia(robot)
     speed = _without_gaps(trace['shaft_speed'], rows, LOST_MAX)
@@ -144,9 +145,7 @@ def gear_torques(trace: Trace, rows: NDArray[np.int64], period_s: float, robot: 
         return np.asarray(ratio * trace['coupling_torque'] + inertia * acceleration)
     change = np.diff(speed, axis=0, append=speed[-1:])[rows]
     mean = speed[rows] + 0.5 * change
-    friction = motor.static_friction_n_m * np.tanh(mean / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * mean
-    torque = motor.torque_constant_n_m_a * trace['current_mean'] - friction
+    torque = motor.torque_constant_n_m_a * trace['current_mean'] - friction_torques(mean, motor)
     return np.asarray(ratio * torque - rotor * change / ratio / period_s)
 
 

@@ -20,6 +20,7 @@ from delta3_pacdrive.planning.limits.energy import PHASES
 from delta3_pacdrive.planning.limits.supply import SupplyLoad, supply_load
 from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.motor import friction_torques
 from delta3_pacdrive.studies.runs.run_signals import cycles_of
 
 NEEDED = (*SUPPLY_SIGNALS, 'shaft_speed', 'shaft_position', 'current', 'current_rms')
@@ -127,9 +128,7 @@ def _winding_j(current: Floats, motor: Motor) -> float:
 
 def _friction_j(speed: Floats, time_s: Floats, motor: Motor) -> float:
     """Return the friction loss [J] of shafts with speeds [rad/s] at the begins of bus cycles, shape (cycles, n)."""
-    friction = motor.static_friction_n_m * np.tanh(speed / motor.friction_smoothing_rad_s)
-    friction += motor.viscous_friction_n_m_s_rad * speed
-    return float(np.trapezoid((friction * speed).sum(axis=1), time_s))
+    return float(np.trapezoid((friction_torques(speed, motor) * speed).sum(axis=1), time_s))
 
 
 def _lifting_j(part: Trace, parameters: Parameters) -> float:
