@@ -119,6 +119,8 @@ STATE = np.dtype(
         ('speed_filtered', 'f8'),  # [rad/s]
         ('velocity_integral', 'f8'),  # [A]
         # [A], inputs and outputs of the notch filters in the last two periods of the velocity loop
+        ('excited', 'i8'),  # the generator adds to the current set point
+        ('current_added', 'f8'),  # [A], by the generator
         ('current_asked', 'f8'),
         ('current_asked_before', 'f8'),
         ('notched_once', 'f8'),
@@ -263,7 +265,15 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
 # fmt: on
 NOTCH_CONSTANTS = tuple(name for name, _, _ in _CONSTANTS if name.startswith('notch_'))
 CONSTANTS = np.dtype([*((name, kind) for name, kind, _ in _CONSTANTS), ('motor', MOTOR)], align=True)
-DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
+EXCITATION_MAX = 128  # periods of the velocity loop in a bus cycle of a drive that has a generator
+DRIVE = np.dtype(
+    [
+        ('state', STATE),
+        ('constants', CONSTANTS),
+        ('excitation', 'f8', (EXCITATION_MAX,)),  # [A], of the generator in each period of this bus cycle
+    ],
+    align=True,
+)
 WORD_BYTES = 8
 
 

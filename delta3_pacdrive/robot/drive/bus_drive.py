@@ -18,6 +18,7 @@ from delta3_pacdrive.robot.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.robot.sercos import slave
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.robot.sercos.participants import Occasion
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer
 from delta3_pacdrive.robot.sercos.slave import BusSlave
 from delta3_pacdrive.robot.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S, Watchdog
 from delta3_pacdrive.robot.sercos.words import Phase
@@ -89,9 +90,9 @@ class BusDrive:
         self._sampled_with = own  # parameters of the samples since the last flush
         self.drive, self.slave = MC4(own, number), BusSlave()
         self.drive.state['place'] = index
-        self.register = Register(own, self._actual, self._configure, self.drive.clear_fault)
+        self.register = Register(own, self._actual, self._configure, self.drive.clear_fault, self._excite)
         callbacks = Callbacks(
-            serve=lambda access: self.register.serve(access, self.phase),
+            serve=self._serve,
             send_answer=port.send_answer,
             send_current=port.send_current,
             stopped=lambda: self._do(self.slave.rest()),
@@ -101,6 +102,17 @@ class BusDrive:
     def _actual(self, name: str) -> float:
         """Return a field of the drive's state, for the service channel."""
         return float(self.drive.state[name][0])
+
+    def _serve(self, access: Access) -> Answer:
+        self.drive.attend_excitation()
+        return self.register.serve(access, self.phase)
+
+    def _excite(self, on: bool) -> bool:
+        """Start or stop the generator; return whether that is possible."""
+        if on:
+            return self.drive.start_excitation(self.register.parameters)
+        self.drive.stop_excitation()
+        return True
 
     def arm(self, channels: Sequence[Channel], decimation: int, hand_over: Callable[[Block], None]) -> None:
         """Arm the oscilloscope from the next exchange on, replacing an armed one."""

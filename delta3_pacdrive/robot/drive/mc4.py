@@ -10,7 +10,14 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive import cascade, sensors, state_machine
-from delta3_pacdrive.robot.drive.arrays import DRIVE, NOTCH_CONSTANTS, STATE, DriveState, drive_constants
+from delta3_pacdrive.robot.drive.arrays import (
+    DRIVE,
+    EXCITATION_MAX,
+    NOTCH_CONSTANTS,
+    STATE,
+    DriveState,
+    drive_constants,
+)
 from delta3_pacdrive.robot.drive.current_figures import (
     add_current,
     begin_current_figures,
@@ -18,6 +25,7 @@ from delta3_pacdrive.robot.drive.current_figures import (
     window_rms,
 )
 from delta3_pacdrive.robot.drive.diagnostics import DriveFault, DriveWarning
+from delta3_pacdrive.robot.drive.excitation import Generator
 from delta3_pacdrive.robot.drive.notch import settle_notches
 from delta3_pacdrive.robot.drive.shaft_observer import advance_observer, reset_observer
 from delta3_pacdrive.robot.motor import (
@@ -144,6 +152,9 @@ def _run_sample(n, start_speed, drives, i, currents):
                     cascade.hold_place(s, c)
             else:
                 s.speed_reference = state_machine.stopping_speed(s, c)
+            if s.excited != 0:
+                s.current_added = drives[i].excitation[s.step // c.steps_per_velocity]
+                feedforward += s.current_added
             cascade.velocity_loop(actual, feedforward, s, c)
     before_current = s.motor_current
     carries_current = powered or s.winding_short != 0
@@ -291,6 +302,7 @@ class MC4:
         self.state['place'] = bus_place
         sensors.calibrate(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
+        self._generator: Generator | None = None
 
     def begin_cycle(
         self,
@@ -316,18 +328,56 @@ class MC4:
         self.payload = self._next_payload
         if payload is not None:
             self._next_payload = payload
-        return int(
+        status = int(
             mc4_begin_cycle(
                 True, command, torque, control, (position, speed, coupling), self._drives, self._place
             )
         )
+        if self._generator is not None:
+            self._excite(self._generator)
+        return status
 
     def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
         """Begin a cycle without MDT by extrapolation; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
-        return int(
+        status = int(
             mc4_begin_cycle(False, 0.0, 0.0, 0, (position, speed, coupling), self._drives, self._place)
         )
+        if self._generator is not None:
+            self._excite(self._generator)
+        return status
+
+    def start_excitation(self, parameters: Parameters) -> bool:
+        """Start the generator with the next bus cycle; return False unless the drive follows its commands.
+
+        A generator that runs is not started again.
+        """
+        per_cycle = round(parameters.bus.cycle_time_s / parameters.drive.velocity_period_s)
+        if self._generator is not None or per_cycle > EXCITATION_MAX or not self._may_be_excited():
+            return False
+        self._generator = Generator(parameters)
+        return True
+
+    def stop_excitation(self) -> None:
+        """Stop the generator with the next period of the velocity loop."""
+        self._generator = None
+        self.state['excited'], self.state['current_added'] = 0, 0.0
+
+    def attend_excitation(self) -> None:
+        """Register an access of the client of the generator."""
+        if self._generator is not None:
+            self._generator.attend()
+
+    def _may_be_excited(self) -> bool:
+        return self.drive_state == DriveState.ENABLED and not self.fault
+
+    def _excite(self, generator: Generator) -> None:
+        values = generator.next_cycle() if self._may_be_excited() else None
+        if values is None:
+            self.stop_excitation()
+            return
+        self._drives['excitation'][self._place, : len(values)] = values
+        self.state['excited'] = 1
 
     def configure(self, parameters: Parameters) -> None:
         """Apply changed gains, feed-forwards, filters and limits from the next cycle on.
@@ -352,6 +402,7 @@ class MC4:
 
     def leave_bus(self) -> None:
         """Leave cyclic operation without torque; a latched fault is kept."""
+        self.stop_excitation()
         state_machine.leave_bus(self.state[0])
 
     @property

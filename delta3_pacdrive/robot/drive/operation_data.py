@@ -75,6 +75,7 @@ class Group(StrEnum):
     ENCODER = 'encoder and gear'
     MOTOR = 'motor and brake'
     ACTUAL_VALUES = 'actual values'
+    EXCITATION = 'excitation'
     DIAGNOSTICS = 'diagnostics'
     COMMANDS = 'procedure commands'
 
@@ -352,6 +353,13 @@ _GROUPS = {
         _row('P-0-0075', 'Load of the brake resistor', ONE, 'resistor_load'),
         _row('P-0-0076', 'Precharge of the DC bus (0 in progress, 1 ready)', ONE, 'link_ready'),
     ),
+    # generator in the drive, for the measurement of frequency responses
+    Group.EXCITATION: (
+        _set('P-0-0091', 'Effective value of the excitation', 'A', 'drive.excitation_rms_a', ALWAYS),
+        _set('P-0-0092', 'Duration of the excitation', 's', 'drive.excitation_time_s', ALWAYS),
+        _row('P-0-0095', 'Excitation active', ONE, 'excited'),
+        _row('P-0-0096', 'Current added by the excitation', 'A', 'current_added'),
+    ),
     Group.DIAGNOSTICS: (
         _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),
         _row('S-0-0012', 'Class 2 diagnostic', BITS, 'warning', formula=_class_2),
@@ -380,6 +388,8 @@ _GROUPS = {
         _row('S-0-0099', 'Reset class 1 diagnostic', BITS, formula=_constant(0.0)),
         _row('S-0-0127', 'CP3 transition check', BITS, formula=_constant(0.0)),
         _row('S-0-0128', 'CP4 transition check', BITS, formula=_constant(0.0)),
+        _row('P-0-0093', 'Start the excitation', BITS, formula=_constant(0.0)),
+        _row('P-0-0094', 'Stop the excitation', BITS, formula=_constant(0.0)),
     ),
 }
 # fmt: on
@@ -392,13 +402,15 @@ OF_PARAMETER = {
     for row in reversed(ROWS)
     if row.formula is float and row.sources and '.' in row.sources[0]
 }
-RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK = (
-    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128')
+RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK, START_EXCITATION, STOP_EXCITATION = (
+    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128', 'P-0-0093', 'P-0-0094')
 )
 EXECUTABLE_IN = {
     RESET_CLASS_1_DIAGNOSTIC: ALWAYS,
     CP3_CHECK: frozenset({Phase.CP2}),
     CP4_CHECK: frozenset({Phase.CP3}),
+    START_EXCITATION: frozenset({Phase.CP4}),
+    STOP_EXCITATION: frozenset({Phase.CP4}),
 }
 
 

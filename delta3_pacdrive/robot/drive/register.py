@@ -9,6 +9,8 @@ from delta3_pacdrive.robot.drive.operation_data import (
     EXECUTABLE_IN,
     PHASE,
     RESET_CLASS_1_DIAGNOSTIC,
+    START_EXCITATION,
+    STOP_EXCITATION,
     TABLE,
     refusal,
 )
@@ -27,6 +29,8 @@ class Register:
         Called with the new parameters after each accepted write.
     reset
         Executes S-0-0099; returns whether no fault is left.
+    excite
+        Starts or stops the generator (P-0-0093, P-0-0094); returns whether that is possible.
 
     Attributes
     ----------
@@ -41,6 +45,7 @@ class Register:
         actual: Callable[[str], float],
         on_change: Callable[[Parameters], None],
         reset: Callable[[], bool],
+        excite: Callable[[bool], bool] = lambda _: False,
     ) -> None:
         self.parameters = parameters
         self.refusal = ''
@@ -48,6 +53,7 @@ class Register:
         self._on_change = on_change
         self._phase = Phase.CP2
         self._reset = reset
+        self._excite = excite
 
     def serve(self, access: Access, phase: Phase) -> Answer:
         """Execute an access of the service channel in a communication phase."""
@@ -98,9 +104,16 @@ class Register:
             return self._refuse(access, ServiceError.NO_IDN)
         if idn not in EXECUTABLE_IN:
             return self._refuse(access, ServiceError.NO_COMMAND)
-        if phase not in EXECUTABLE_IN[idn] or (idn == RESET_CLASS_1_DIAGNOSTIC and not self._reset()):
+        if phase not in EXECUTABLE_IN[idn] or not self._execute(idn):
             return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
         return Answer(idn, value=0.0)
+
+    def _execute(self, idn: int) -> bool:
+        if idn == RESET_CLASS_1_DIAGNOSTIC:
+            return self._reset()
+        if idn in (START_EXCITATION, STOP_EXCITATION):
+            return self._excite(idn == START_EXCITATION)
+        return True
 
     def _source(self, source: str) -> float | str:
         if source == PHASE:

@@ -53,6 +53,8 @@ ROBOT = {
     'drive.stop_time_max_s': 0.62,
     'drive.interpolation': 'cubic',
     'drive.position_window_rad': 0.016,
+    'drive.excitation_rms_a': 0.375,
+    'drive.excitation_time_s': 4.75,
     'drive.position_period_s': 500e-6,
     'drive.velocity_period_s': 250e-6,
     'drive.current_period_s': 125e-6,
@@ -100,6 +102,8 @@ RECORD = {
     'last_rms': 3.75,
     'resistor_load': 0.265,
     'link_ready': 40,
+    'excited': 50,
+    'current_added': 0.0625,
     'measuring': 20,
     'program': 30,
     'fault': 3,  # OVERLOAD
@@ -239,11 +243,23 @@ EXPECTED = {
     'P-0-0074': ('A', 3.75, NEVER),
     'P-0-0075': ('1', 0.265, NEVER),
     'P-0-0076': ('1', 40, NEVER),
+    'P-0-0091': ('A', 0.375, ALWAYS),
+    'P-0-0092': ('s', 4.75, ALWAYS),
+    'P-0-0093': ('bits', 0, NEVER),
+    'P-0-0094': ('bits', 0, NEVER),
+    'P-0-0095': ('1', 50, NEVER),
+    'P-0-0096': ('A', 0.0625, NEVER),
     'P-0-0081': ('1', 9, NEVER),
     'P-0-0082': ('1', 1, NEVER),
     'P-0-0083': ('1', 8, NEVER),
 }
-COMMANDS = {'S-0-0099': ALWAYS, 'S-0-0127': (CP2,), 'S-0-0128': (CP3,)}
+COMMANDS = {
+    'S-0-0099': ALWAYS,
+    'S-0-0127': (CP2,),
+    'S-0-0128': (CP3,),
+    'P-0-0093': (CP4,),
+    'P-0-0094': (CP4,),
+}
 
 
 @pytest.fixture
@@ -259,7 +275,8 @@ def register(strange):
         record[name] = 1000 + number
     for name, value in RECORD.items():
         record[name] = value
-    return Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
+    actual = lambda name: float(record[name][0])  # noqa: E731
+    return Register(strange, actual, lambda _: None, lambda: True, lambda _: True)
 
 
 def serve(register, text, operation, phase, value=0.0):
@@ -331,7 +348,7 @@ def test_every_idn_can_be_written_in_its_phases_and_in_no_other(text, register):
 
 
 @for_each('text', EXPECTED)
-def test_procedure_commands_are_these_three_each_in_its_phases(text, register):
+def test_procedure_commands_are_these_each_in_its_phases(text, register):
     for phase in ALWAYS:
         wanted = ServiceError.NO_COMMAND
         if text in COMMANDS:

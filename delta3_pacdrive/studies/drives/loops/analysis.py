@@ -8,9 +8,9 @@ import numpy as np
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.drive.excitation import RATE_SHARE, multisine
 from delta3_pacdrive.studies.drives.loops import identification
 from delta3_pacdrive.studies.drives.loops.bench import Bench, Place, Run
-from delta3_pacdrive.studies.drives.loops.excitation import multisine, step
 from delta3_pacdrive.studies.drives.loops.identification import Measured
 from delta3_pacdrive.studies.drives.loops.load import Load, friction_slope, gear_of
 from delta3_pacdrive.studies.drives.loops.loops import OUTPUTS, Entry, Shaft, linear_cascade
@@ -27,7 +27,6 @@ from delta3_pacdrive.studies.framework.study import OnProgress
 
 LOWEST_HZ = 0.5  # of the linear curves
 POINTS = 600
-RATE_SHARE = 0.4  # highest excited frequency, relative to the rate of a set point: aliases disturb above it
 NYQUIST_SHARE = 0.98  # highest frequency of the curves, relative to the Nyquist frequency
 PERIODS = 4  # of a multisine; the first one settles
 
@@ -248,7 +247,7 @@ def step_on_bench(loop: Loop, parameters: Parameters, operation: OperatingPoint)
     samples = per_cycle * round(loop.window_s / cycle)
     height = loop.height * operation.amplitude
     bench = operation.bench(loop.place, parameters)
-    run = bench.run(step(samples, per_cycle, height))
+    run = bench.run(np.concatenate([np.zeros(per_cycle), np.full(samples, height)]))
     times: Floats = np.arange(samples, dtype=np.float64) * period
     response = _actual(loop, run, bench.speed_rad_s)
     relative = (response - response[per_cycle])[per_cycle:] / height

@@ -16,17 +16,16 @@ from delta3_pacdrive.parameters import ARMS, INERTIA, Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.drive.arrays import DriveState
 from delta3_pacdrive.robot.drive.diagnostics import fault_text
+from delta3_pacdrive.robot.drive.excitation import RATE_SHARE, Multisine, multisine
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
-from delta3_pacdrive.studies.drives.loops.analysis import RATE_SHARE
 from delta3_pacdrive.studies.drives.loops.bench import (
     ENABLING_CYCLES_MAX,
     SETTLING_S,
     Place,
     set_point_fields,
 )
-from delta3_pacdrive.studies.drives.loops.excitation import Multisine, multisine
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 from delta3_pacdrive.studies.runs.oscilloscope import Added, Oscilloscope, finest
 

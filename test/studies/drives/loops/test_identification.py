@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.robot.drive.excitation import multisine
 from delta3_pacdrive.studies.drives.loops.analysis import exchanged_shaft
-from delta3_pacdrive.studies.drives.loops.excitation import multisine
 from delta3_pacdrive.studies.drives.loops.identification import Measured, opened, response
 from delta3_pacdrive.studies.drives.loops.load import extremes, load_at
 from delta3_pacdrive.studies.thesis.jacobian import condition
