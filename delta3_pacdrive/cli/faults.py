@@ -106,7 +106,14 @@ def _chosen(options: Options, robot: 'Parameters') -> 'tuple[list[Case], list[Ce
     only = options.only or ''
     in_cells = [] if options.short else of_cells.cases(only)
     try:
-        return cases(options.short, only, robot.axes[ARMS:], robot.supply.enabled), in_cells
+        found = cases(
+            options.short,
+            only,
+            robot.axes[ARMS:],
+            supplied=robot.supply.enabled,
+            warms=robot.thermal.in_drives,
+        )
+        return found, in_cells
     except RunError:
         if not in_cells:
             raise

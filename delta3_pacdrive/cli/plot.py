@@ -18,6 +18,7 @@ from delta3_pacdrive.recording.signals import (
     ROTARY_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
 )
@@ -31,6 +32,7 @@ KNOWN = (
     | CURRENT_SIGNALS
     | TRUE_SIGNALS
     | SUPPLY_SIGNALS
+    | THERMAL_SIGNALS
     | ROTARY_SIGNALS
     | DERIVED_SIGNALS
     | REQUESTED_SIGNALS

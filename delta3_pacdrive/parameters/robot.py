@@ -209,9 +209,9 @@ class Parameters:
     def checksum(self) -> str:
         """Digest of every value that a run depends on; participants agree if their digests are equal.
 
-        Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears and of
-        joints that are not enabled are excluded, so that the digests of such robots do not change. The temperatures of
-        the group ``thermal`` follow from a run and do not change it.
+        Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears, of
+        joints and of drives that warm up are excluded if they are not enabled, so that the digests of such robots do
+        not change. Without ``thermal.in_drives``, temperatures follow from a run and do not change it.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
@@ -223,7 +223,7 @@ class Parameters:
                 ('supply', self.supply.enabled),
                 ('gear', self.gear.limit_moves),
                 ('joints', self.joints.limit_moves),
-                ('thermal', False),
+                ('thermal', self.thermal.in_drives),
             )
             if not is_used
         ]
@@ -358,6 +358,11 @@ def _shared(group: Motor | Drive, rotary: Rotary) -> dict[str, Any]:
     return {name: getattr(rotary, name) for name in names}
 
 
+def _nominal_loss(motor: Motor | Rotary) -> float:
+    """Return the loss of a winding at the nominal current, relative to that of 1 A in 1 ohm."""
+    return motor.winding_resistance_ohm * motor.nominal_current_a**2
+
+
 def rotary_axis_parameters(parameters: Parameters, number: int) -> Parameters:
     """Return ``parameters`` with motor, gear and drive of rotary axis ``number``, from 0, in place of an arm's."""
     p, rotary = parameters, parameters.rotary_axes[number]
@@ -404,4 +409,5 @@ def rotary_axis_parameters(parameters: Parameters, number: int) -> Parameters:
             sensor_seed=p.rich.sensor_seed + SEED + number,
             break_away_torque_n_m=max(p.rich.break_away_torque_n_m, rotary.static_friction_n_m),
         ),
+        thermal=p.thermal.of_motor(_nominal_loss(rotary), _nominal_loss(p.motor)),
     )

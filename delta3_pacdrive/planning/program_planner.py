@@ -99,7 +99,7 @@ def plan(
 
     """
     require_start(program, position_m)
-    require_targets(program.faults, parameters.axes, parameters.supply.enabled)
+    require_targets(program.faults, parameters)
     turns = _start_turns(program, turns_rad, parameters)
 
     request = PlanRequest(

@@ -39,6 +39,12 @@ SUPPLY_SIGNALS = {
     'mains_power': ('W', 'power from the mains, mean of the bus cycle before'),
     'resistor_power': ('W', 'power in the brake resistor, mean of the bus cycle before'),
 }
+# if the robot warms up (``thermal.in_drives``)
+THERMAL_SIGNALS = {
+    'winding_temperature': ('degC', 'temperature of the windings'),
+    'housing_temperature': ('degC', 'temperature of the housings of the motors'),
+    'sink_temperature': ('degC', 'temperature of the heat sinks of the drives'),
+}
 # first rotary axis; angles and speeds of the tool
 TURN_SIGNALS = {
     'turn_command': ('rad', 'angle of the tool that the MDT commands'),

@@ -1,6 +1,7 @@
 """Signals in the telegrams of a run."""
 
 from delta3_pacdrive.parameters import numbered
+from delta3_pacdrive.recording.signals import THERMAL_SIGNALS
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 
@@ -22,6 +23,7 @@ TELEGRAM_SIGNALS = {
         for n, telegram in enumerate(telegrams.TURNS)
     },
     telegrams.DC_LINK: ('dc_link_voltage', '', '', 'mains_power', 'resistor_power'),
+    **dict.fromkeys(map(telegrams.temperatures, _DRIVES), (*THERMAL_SIGNALS, '')),
     **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
     telegrams.FOLLOWING_ERROR: ('following_error',),
     telegrams.TCP_COMMAND: ('tcp_command',),

@@ -94,7 +94,13 @@ def short_circuit_current(current, voltage, m):
 @kernel
 def friction_torque(speed, m):
     """Friction torque at the shaft, opposing the speed."""
-    return m.static_friction * math.tanh(speed / m.friction_smoothing) + m.viscous_friction * speed
+    return warm_friction_torque(speed, 1.0, m)
+
+
+@kernel
+def warm_friction_torque(speed, share, m):
+    """Friction torque at the shaft if the viscous friction has fallen to a share."""
+    return m.static_friction * math.tanh(speed / m.friction_smoothing) + share * m.viscous_friction * speed
 
 
 @kernel
@@ -104,9 +110,20 @@ def drawn_energy(before, now, speed, step, m):
     It is the heat and the change of the magnetic energy of the winding, and the work at the shaft, for a current that
     changes linearly from ``before`` to ``now`` [A] at a mean ``speed`` [rad/s].
     """
+    return warm_drawn_energy(before, now, speed, step, 1.0, 1.0, m)
+
+
+@kernel
+def warm_drawn_energy(before, now, speed, step, torque_share, resistance_share, m):
+    """Energy as ``drawn_energy``, with K_m and R at shares of their values.
+
+    The currents are those with which a motor with the whole K_m has the same torque.
+    """
+    of_square = 1.0 / (torque_share * torque_share)
     heat = m.phase_resistance * (before * before + before * now + now * now) * step
     magnetic = 1.5 * m.phase_inductance * (now * now - before * before)
-    return heat + magnetic + 0.5 * m.torque_constant * (before + now) * speed * step
+    winding = (heat * resistance_share + magnetic) * of_square
+    return winding + 0.5 * m.torque_constant * (before + now) * speed * step
 
 
 def friction_torques(speed_rad_s: Floats, motor: Motor) -> Floats:

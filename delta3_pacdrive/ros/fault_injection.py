@@ -42,7 +42,7 @@ class FaultInjection:
 
     def __init__(self, node: Node, controller: RobotController, parameters: Parameters) -> None:
         self._node, self._controller, self._cycle_time_s = node, controller, parameters.bus.cycle_time_s
-        self._axes, self._supplied = parameters.axes, parameters.supply.enabled
+        self._parameters = parameters
         self.accepted = 0
         self._answers: dict[str, tuple[bool, str]] = {}  # by the mark of the request, oldest first
         self._schedule = FAULT_SCHEDULE.publisher(node)
@@ -84,7 +84,7 @@ class FaultInjection:
                 raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
 
     def _require_targets(self, faults: Sequence[Fault]) -> None:
-        require_targets(faults, self._axes, self._supplied)
+        require_targets(faults, self._parameters)
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
         """Publish faults whose times are relative to a bus cycle; raises ProgramError."""

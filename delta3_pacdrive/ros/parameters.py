@@ -30,6 +30,7 @@ SHOWN = {
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
         'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control', 'supply',
+        'thermal',
     ),
     'plant': (
         'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'rotary_2', 'drive.current_period_s',

@@ -16,7 +16,7 @@ Arguments of the kernels here:
 ``task``, ``robot``
     Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
-    Receives the signals in the order of ``NAMES``, shape (19, cycles, 3).
+    Receives the signals in the order of ``NAMES``, shape (22, cycles, 3).
 ``rotary``
     For each rotary axis its rotations in the plan (``TurnTables``), array of one record ``control.cycle.ROTARY``, and
     array that receives its signals, shape (6, cycles). The compiler cannot iterate over an empty tuple, so each loop is
@@ -42,6 +42,7 @@ from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
 )
@@ -51,10 +52,12 @@ from delta3_pacdrive.robot.faults.effects import (
     apply_to_link,
     apply_to_motors,
     apply_to_plant,
+    apply_to_temperatures,
 )
 from delta3_pacdrive.robot.faults.fault import AT_LOSSES, GARBLED, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.plant import true_tcp
+from delta3_pacdrive.robot.plant.temperatures import temperatures
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
@@ -68,12 +71,13 @@ REST_S = 1.0  # time without torque in which the machine comes to rest
 ROOM_CYCLES = 1024  # initial size of the signals when the duration is unknown
 
 SUPPLY = 'supply'  # its columns are the signals of the supply
-NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS, SUPPLY)
+NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS, SUPPLY, *THERMAL_SIGNALS)
 (
     MOTOR_COMMAND, MOTOR_POSITION, MOTOR_SPEED, CURRENT, FOLLOWING_ERROR, TCP_COMMAND, TCP_ACTUAL, TCP_ERROR,
     SHAFT_POSITION, SHAFT_SPEED, COUPLING_TORQUE,
     CURRENT_MEAN, CURRENT_RMS, CURRENT_MIN, CURRENT_MAX, ARM_ANGLE, TCP_TRUE, TORQUE_COMMAND,
     SUPPLY_POWERS,
+    WINDING, HOUSING, SINK,
 ) = range(len(NAMES))  # fmt: skip
 
 
@@ -98,6 +102,16 @@ def note_supply(cycle, robot, signals):
     signals[SUPPLY_POWERS, cycle, 0] = link.voltage
     signals[SUPPLY_POWERS, cycle, 1] = link.cycle_mains / period
     signals[SUPPLY_POWERS, cycle, 2] = link.cycle_resistor / period
+
+
+@kernel
+def note_temperatures(cycle, robot, signals):
+    """Record the temperatures of motors and drives at the start of a bus cycle."""
+    if robot[0].warms != 0:
+        for i in range(3):
+            signals[WINDING, cycle, i], signals[HOUSING, cycle, i], signals[SINK, cycle, i], _ = temperatures(
+                i, robot[0].bodies
+            )
 
 
 @kernel
@@ -158,6 +172,7 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         command_cycle(k, task, timeline, corrections)
         note_command(k, motors, c.torques, r.plant, signals)
         note_supply(k, robot, signals)
+        note_temperatures(k, robot, signals)
         if len(rotary) > 0:
             for turns, axis, found in rotary:
                 command_turn(k, task, timeline, turns, axis)
@@ -272,6 +287,9 @@ class SimulatedOperation:
         if self._robot.link.enabled:
             columns = supply.T[:, :, None]
             signals |= dict(zip(SUPPLY_SIGNALS, columns, strict=True))
+        if not self._robot.temperatures.enabled:
+            for name in THERMAL_SIGNALS:
+                del signals[name]
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
@@ -356,6 +374,7 @@ class SimulatedOperation:
             robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
         note_supply(cycle, robot.record, self._signals)
+        note_temperatures(cycle, robot.record, self._signals)
         for _, axis, signals in self._rotary():
             note_turn_command(cycle, axis, robot.record, signals)
         lost = [self._schedule.telegram(MDT_LOSSES, axis, cycle) for axis in self._names]
@@ -395,6 +414,7 @@ class SimulatedOperation:
             apply_to_drive(drive.state[0], axis, changes, active)
         apply_to_plant(self._robot.plant.state[0], changes, active)
         apply_to_link(self._robot.link.state[0], active)
+        apply_to_temperatures(self._robot.temperatures.bodies, active, self._names)
         for axis, plant in zip(self._names[ARMS:], self._robot.rotary, strict=True):
             apply_to_motors(plant.state[0], active, (axis,))
         for fault, _ in changes:

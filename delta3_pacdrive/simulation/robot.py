@@ -10,11 +10,25 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, AXES_MAX, Parameters, numbered, rotary_axis_parameters
 from delta3_pacdrive.robot.drive.arrays import DRIVE, drive_constants
-from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period, take_link
+from delta3_pacdrive.robot.drive.mc4 import (
+    MC4,
+    mc4_begin_cycle,
+    mc4_run_period,
+    take_link,
+    take_temperatures,
+)
 from delta3_pacdrive.robot.plant.arrays import PLANT
 from delta3_pacdrive.robot.plant.dc_link import LINK, DcLink, advance_link, begin_link_cycle
 from delta3_pacdrive.robot.plant.plant import Plant, advance
 from delta3_pacdrive.robot.plant.rotary_plant import ROTARY_PLANT, RotaryPlant, advance_rotary
+from delta3_pacdrive.robot.plant.temperatures import (
+    BODIES,
+    Temperatures,
+    collect_losses,
+    end_heat_cycle,
+    temperatures,
+    warm_plant,
+)
 from delta3_pacdrive.robot.sercos.words import payload_on_grid
 
 ROTARY_MAX = AXES_MAX - ARMS
@@ -25,6 +39,8 @@ ROBOT = np.dtype(
         ('plant', PLANT, (1,)),
         ('rotary', ROTARY_PLANT, (ROTARY_MAX,)),
         ('link', LINK, (1,)),
+        ('bodies', BODIES, (AXES_MAX,)),
+        ('warms', 'i8'),  # motors, gears and drives warm up
         ('exchanges', 'i8'),  # per bus cycle
         ('received', 'i8', (AXES_MAX,)),  # whether a drive receives the MDT
         ('status', 'i8', (AXES_MAX,)),  # S-0-0135
@@ -62,6 +78,17 @@ def _supply(axes, r):
 
 
 @kernel
+def _warm(axes, r):
+    """Give the temperatures to the first ``axes`` drives and motors of the record ``r``."""
+    for i in range(axes):
+        take_temperatures(temperatures(i, r.bodies), r.drives[i].state, r.drives[i].constants)
+        if i < ARMS:
+            warm_plant(i, r.bodies, r.plant[0].state, i)
+        else:
+            warm_plant(i, r.bodies, r.rotary[i - ARMS].state, 0)
+
+
+@kernel
 def _drawn(axes, r):
     """Energy [J] drawn by the motors of the first ``axes`` axes of the record ``r`` in the last exchange period."""
     drawn = r.plant[0].state.drawn
@@ -92,6 +119,8 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
     r.payload, r.next_payload = r.next_payload, payload_kg
     if r.link[0].constants.enabled != 0:
         _supply(axes, r)
+    if r.warms != 0:
+        _warm(axes, r)
     for i in range(axes):
         received = r.received[i] != 0
         r.status[i] = mc4_begin_cycle(received, motors[i], r.torques[i], control, _shaft(i, r), drives, i)
@@ -105,6 +134,11 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
             advance_rotary(currents, i, r.brakes[i], plant[0].state.carried, r.rotary, i - ARMS)
         if r.link[0].constants.enabled != 0:
             advance_link(_drawn(axes, r), r.link)
+        if r.warms != 0:
+            for i in range(axes):
+                collect_losses(currents, i, _shaft(i, r)[1], r.bodies)
+    if r.warms != 0:
+        end_heat_cycle(axes, r.bodies)
 
 
 @kernel
@@ -151,6 +185,8 @@ class Robot:
         Arms, and rotary axes.
     drives, link
         All drives, those of the arms first, and their DC link.
+    temperatures
+        Temperatures of motors, gears and drives.
     observed
         Whether the drives are observed between exchanges; bus cycles are then not run in one compiled loop.
     answers, status
@@ -177,6 +213,8 @@ class Robot:
             )
             self.rotary += (RotaryPlant(parameters, number, rotary[number : number + 1]),)
         self.link = DcLink(parameters, self.record['link'][0])
+        self.temperatures = Temperatures(parameters, self.record['bodies'][0])
+        self.record['warms'] = self.temperatures.enabled
         self.received: NDArray[np.int64] = self.record['received'][0, :axes]
         self.status: NDArray[np.int64] = self.record['status'][0, :axes]
         self.answers: Floats = self.record['answers'][0, :, :axes]

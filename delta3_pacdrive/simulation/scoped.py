@@ -69,6 +69,11 @@ class ScopedRobot(Robot):
             for drive in self.drives[:axes]:
                 drive.take_link(self.link.values())
             self.link.begin_cycle()
+        warms = self.temperatures.enabled
+        if warms:
+            for index, drive in enumerate(self.drives[:axes]):
+                drive.take_temperatures(self.temperatures.of_axis(index))
+            self.temperatures.warm(self.plant.state[0], [axis.state[0] for axis in self.rotary])
         additive, arrives = np.broadcast_to(torques, axes).tolist(), np.broadcast_to(received, axes)
         for i, (drive, shaft) in enumerate(zip(self.drives[:axes], self.shafts(), strict=False)):
             if arrives[i]:
@@ -87,6 +92,10 @@ class ScopedRobot(Robot):
                 axis.advance(self.currents, brake_released, carried)
             if self.link.enabled:
                 self.link.advance(sum((axis.drawn_j for axis in self.rotary), self.plant.drawn_j))
+            if warms:
+                self.temperatures.collect(self.currents, [speed for _, speed, _ in self.shafts()[:axes]])
+        if warms:
+            self.temperatures.end_cycle()
         self._cycle += 1
 
     def _run(self, exchange: int, i: int, shaft: Sequence[float]) -> bool:

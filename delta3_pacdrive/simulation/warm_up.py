@@ -25,12 +25,15 @@ from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.limits.limits import Limits, check_speed
 from delta3_pacdrive.planning.limits.supply import load_of_motion
+from delta3_pacdrive.planning.limits.temperature import sampled_heat_load
 from delta3_pacdrive.planning.program.model import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.robot.drive.channels import CHANNELS
 from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.drive.scope import DriveScope
 from delta3_pacdrive.robot.plant.dc_link import DcLink, advance_link
 from delta3_pacdrive.robot.plant.plant import Plant
+from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
+from delta3_pacdrive.robot.plant.temperatures import Temperatures
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.robot.sercos.words import CONTROL_ON
 from delta3_pacdrive.scene.joints import tree_joints
@@ -196,12 +199,19 @@ def _precompile_plant(parameters: Parameters) -> None:
     link = DcLink(parameters)
     link.begin_cycle()
     advance_link(0.0, link.record)
+    bodies, currents = Temperatures(parameters), np.zeros((samples, len(parameters.axes)))
+    rotary = [RotaryPlant(parameters, number).state[0] for number in range(len(parameters.rotary_axes))]
+    bodies.warm(Plant(parameters).state[0], rotary)
+    bodies.collect(currents, [0.0] * len(parameters.axes))
+    bodies.end_cycle()
+    bodies.values()
 
 
 def _precompile_drive(parameters: Parameters) -> None:
     """Call a drive as its node does."""
     drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
     drive.take_link(DcLink(parameters).values())
+    drive.take_temperatures(Temperatures(parameters).of_axis(0))
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
     drive.powered  # noqa: B018 (calls a kernel)
@@ -216,7 +226,9 @@ def _precompile_drive(parameters: Parameters) -> None:
 def _precompile_planning(parameters: Parameters) -> None:
     program_planner.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
     still = np.zeros((2, 3))
-    load_of_motion(np.array([0.0, parameters.bus.cycle_time_s]), still, still, parameters)
+    times_s = np.array([0.0, parameters.bus.cycle_time_s])
+    load_of_motion(times_s, still, still, parameters)
+    sampled_heat_load(times_s, still, still, still, parameters).temperatures(parameters)
 
 
 def _precompile_task(parameters: Parameters) -> None:

@@ -109,6 +109,11 @@ CASES = {
         {'supply__enabled': True, 'supply__capacitance_f': 5e-5},
         'model',
     ),
+    'fan blocked': (
+        _with_faults({'fault': 'fan_blocked', 'axis': 'axis2', 'after_s': 0.1}),
+        {'thermal__in_drives': True, 'thermal__time_factor': 1000.0, 'thermal__start_degc': 100.0},
+        'model',
+    ),
     'load and noise': (
         _with_faults(
             {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': 1.5, 'after_s': 0.1, 'for_s': 0.1},

@@ -31,6 +31,7 @@ try:
     overrides = {{'rich__enabled': robot.rich.enabled, 'rotary__present': robot.rotary.present}}
     overrides['bus__exchange_period_s'] = robot.bus.exchange_period_s
     overrides['supply__enabled'] = robot.supply.enabled
+    overrides['thermal__in_drives'] = robot.thermal.in_drives
     drives = '1234' if robot.rotary.present else '123'
     task = graph.robot(('plant', *drives, 'task'), **overrides)
     graph.spin_until(lambda: task.progress().in_torque, 'torque')
@@ -47,7 +48,11 @@ def late(*arguments: str) -> str:
     return printed(STANDING, *arguments)[0]
 
 
-PREPARED = [('', 'load_cyclic_kernels'), ('rich+rotary+supply', 'load_cyclic_kernels'), ('', 'precompile')]
+PREPARED = [
+    ('', 'load_cyclic_kernels'),
+    ('rich+rotary+supply+thermal', 'load_cyclic_kernels'),
+    ('', 'precompile'),
+]
 
 
 @pytest.mark.parametrize(

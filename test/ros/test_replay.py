@@ -280,8 +280,8 @@ def recorded(graph: Any) -> tuple[Cell, list[tuple[str, bytes]]]:
     graph.spin_for(0.1)
     messages = recording.ended()
     seen = {topic for topic, _ in messages}
-    assert set(TOPICS) - seen == {'plant/dc_link'}, (
-        'every topic of a robot with a constant DC link is recorded'
+    assert set(TOPICS) - seen == {'plant/dc_link', 'plant/temperatures'}, (
+        'every topic of a robot with a constant DC link and constant temperatures is recorded'
     )
     return cell, messages
 

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
 from delta3_pacdrive.errors import FaultCode, RobotFault
-from delta3_pacdrive.robot.faults.fault import KINDS, PROCESS_FAULTS, SUPPLY_FAULTS
+from delta3_pacdrive.robot.faults.fault import KINDS, PROCESS_FAULTS, SUPPLY_FAULTS, THERMAL_FAULTS
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.wire.qos import LATCHED
 from delta3_pacdrive.verification.fault_catalogue import cases
@@ -32,13 +32,17 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
     every = cases.cases()
     tried = {(case.kind, case.state) for case in every}
     states = set(cases.State) - {cases.State.STARTING}
-    kinds = set(KINDS) - {'clear', 'deaf'} - SUPPLY_FAULTS  # the supply of its robot has no model
+    # supply and temperatures of its robot have no model
+    kinds = set(KINDS) - {'clear', 'deaf'} - SUPPLY_FAULTS - THERMAL_FAULTS
     expected = {(kind, state) for kind in kinds for state in states}
     expected |= {(kind, cases.State.STARTING) for kind in PROCESS_FAULTS - {'deaf'}}
     # takes 15 s each time
     assert tried == expected | {('deaf', cases.State.STANDING), ('deaf', cases.State.MOVING)}
     assert {(case.kind, case.state) for case in cases.cases(supplied=True)} == tried | {
         ('supply_dip', state) for state in states
+    }
+    assert {(case.kind, case.state) for case in cases.cases(warms=True)} == tried | {
+        (kind, state) for kind in THERMAL_FAULTS for state in states
     }
     assert {case.target for case in every if case.kind.startswith('encoder')} == set(DRIVES)
     assert len({case.line for case in every}) == len(every)

@@ -25,7 +25,7 @@ assert SPEC.loader is not None
 make = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(make)
 
-IN_EACH_RUN = ('winding shorted', 'mains dip')
+IN_EACH_RUN = ('winding shorted', 'mains dip', 'fan blocked')
 NOT_ON_THE_BUS = {'arm_angle', 'tcp_true', 'torque_command'}
 
 

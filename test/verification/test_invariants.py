@@ -12,7 +12,14 @@ pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.planning.program import file_reader as program_file
-from delta3_pacdrive.robot.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, SUPPLY_FAULTS, parse
+from delta3_pacdrive.robot.faults.fault import (
+    AT_LOSSES,
+    KINDS,
+    MDT_LOSSES,
+    SUPPLY_FAULTS,
+    THERMAL_FAULTS,
+    parse,
+)
 from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import mdt_form, mdt_frame
@@ -302,7 +309,8 @@ def test_random_programs_can_be_read_and_hold_every_kind_of_fault() -> None:
         read = program_file.parse({'moves': one.moves, 'faults': one.faults}, ROBOT.motion, 'random')
         assert len(read.faults) == len(one.faults) <= 3
     faults = [fault for one in drawn for fault in one.faults]
-    assert {parse(fault, 'fault').kind for fault in faults} == set(KINDS) - {'clear', 'deaf'} - SUPPLY_FAULTS
+    without_model = SUPPLY_FAULTS | THERMAL_FAULTS
+    assert {parse(fault, 'fault').kind for fault in faults} == set(KINDS) - {'clear', 'deaf'} - without_model
     assert max(fault.get('seconds', 0.0) for fault in faults) > 3.0
     assert {len(one.faults) for one in drawn} == {0, 1, 2, 3}
 

@@ -8,8 +8,8 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
 from delta3_pacdrive.robot.motor import friction_torques
+from delta3_pacdrive.robot.motor_heat import PHASES
 
-PHASES = 3
 MOTORS = 3
 
 

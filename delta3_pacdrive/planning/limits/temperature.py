@@ -1,30 +1,26 @@
 """Temperature of the motors: winding and housing over a shift in which a motion repeats without a pause.
 
-Winding (w) and housing (h) are two bodies; a motion is much shorter than their time constants, so its mean losses act:
+The heat balance of winding and housing is in ``robot.motor_heat``. A motion is much shorter than their time constants,
+so its mean losses act. It needs the same torque at every temperature, so that the current rises as K_m falls, and the
+resistance with it:
 
-    C_w dT_w/dt = P_cu - (T_w - T_h)/R_wh,   C_h dT_h/dt = (T_w - T_h)/R_wh + P_fe + P_fr - (T_h - T_a)/R_ha
+    P_cu = 3/2 R I^2 (1 + a dT)/(1 + b dT)^2,   dT = T_w - T_ref
 
-A motion needs the same torque at every temperature, so that the current rises as K_m falls, and the resistance with it:
-
-    P_cu = 3/2 R I^2 (1 + a dT)/(1 + b dT)^2,   dT = T_w - T_ref,   P_fe = P_fe,max (|w|/w_max)^n
-
-with the current I for K_m at T_ref. The magnets are assumed to be as hot as the winding. A loss that grows faster than
-the heat flow to the ambient has no steady state: the winding runs away. As the oil of the gears warms up, the viscous
-friction falls from F_v to a share of it, and with it the current and the friction loss P_fr.
+with the current I for K_m at T_ref. A loss that grows faster than the heat flow to the ambient has no steady state: the
+winding runs away. As the oil of the gears warms up, the viscous friction falls, and with it current and friction loss.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Motor, Parameters, Thermal
-from delta3_pacdrive.planning.limits.energy import PHASES
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
+from delta3_pacdrive.robot.motor_heat import BURNT_DEGC, copper_loss, fill_shift, heat_constants
 
-BURNT_DEGC = 300.0  # highest temperature that is stated: no insulation survives it
 STEPS_MAX = 20_000  # of a shift
 FINE = 20.0  # steps per shortest time constant: errors of the transient below 0.1 %
 HOUR_S = 3600.0
@@ -256,20 +252,6 @@ def _integrated(time_s: Floats, speed_rad_s: Floats, products: Floats, parameter
     return HeatLoad(currents, irons, dries, viscouses, float(time_s[-1] - time_s[0]))
 
 
-def copper_loss_w(square_a2: float, winding_degc: float, parameters: Parameters) -> tuple[float, float]:
-    """Return the copper loss [W] of a motion at a winding temperature, and its derivative [W/K].
-
-    ``square_a2`` is the mean square of the current for K_m at the reference temperature.
-    """
-    thermal = parameters.thermal
-    above = winding_degc - thermal.reference_degc
-    cold = PHASES * parameters.motor.winding_resistance_ohm / 2.0 * square_a2
-    magnet = 1.0 + thermal.magnet_coefficient_1_k * above
-    loss = cold * (1.0 + thermal.copper_coefficient_1_k * above) / magnet**2
-    slope = cold * thermal.copper_coefficient_1_k / magnet**2
-    return loss, slope - 2.0 * thermal.magnet_coefficient_1_k / magnet * loss
-
-
 def steady_state(losses: Losses, parameters: Parameters) -> tuple[float, float]:
     """Return the final temperatures [degC] of winding and housing with warm gears; inf if the winding runs away.
 
@@ -277,13 +259,13 @@ def steady_state(losses: Losses, parameters: Parameters) -> tuple[float, float]:
     the lower of two equilibria from below. It finds none where the loss grows faster than the heat that leaves.
     """
     thermal = parameters.thermal
-    square_a2 = losses.square_a2(thermal.warm_friction_share)
+    square_a2, heat = losses.square_a2(thermal.warm_friction_share), heat_constants(parameters)[0]
     direct_w = losses.housing_w(thermal.warm_friction_share, thermal)
     outer = thermal.housing_to_ambient_k_w
     whole = thermal.winding_to_housing_k_w + outer
     winding = thermal.ambient_degc
     while winding <= BURNT_DEGC:
-        copper, slope = copper_loss_w(square_a2, winding, parameters)
+        copper, slope = copper_loss(square_a2, winding, heat)
         excess = thermal.ambient_degc + whole * copper + outer * direct_w - winding
         if excess <= 1e-9:
             return winding, thermal.ambient_degc + outer * (copper + direct_w)
@@ -294,39 +276,16 @@ def steady_state(losses: Losses, parameters: Parameters) -> tuple[float, float]:
 
 
 def course(losses: Losses, parameters: Parameters) -> Course:
-    """Integrate the temperatures of a motor over a shift, from the ambient temperature and with cold gears.
-
-    The steps are those of the linearly implicit trapezoidal rule, which is stable for any time constants.
-    """
+    """Integrate the temperatures of a motor over a shift, from the ambient temperature and with cold gears."""
     thermal = parameters.thermal
-    duration, inner = thermal.shift_h * HOUR_S, thermal.winding_to_housing_k_w
-    outer, warm = thermal.housing_to_ambient_k_w, thermal.warm_friction_share
+    duration = thermal.shift_h * HOUR_S
     shortest = min(thermal.winding_time_constant_s, thermal.housing_time_constant_s)
     count = min(math.ceil(FINE * duration / shortest), STEPS_MAX)
-    half = 0.5 * duration / count
-    of_winding = inner / thermal.winding_time_constant_s  # K/s per W
-    of_housing = outer / thermal.housing_time_constant_s
-    winding = housing = thermal.ambient_degc
-    windings, housings = [winding], [housing]
-    for n in range(count):
-        share = warm + (1.0 - warm) * math.exp(-(2 * n + 1) * half / thermal.warm_up_time_constant_s)
-        copper, slope = copper_loss_w(losses.square_a2(share), winding, parameters)
-        flow, left = (winding - housing) / inner, (housing - thermal.ambient_degc) / outer
-        rate_w = of_winding * (copper - flow)
-        rate_h = of_housing * (flow + losses.housing_w(share, thermal) - left)
-        # (I - half J) step = 2 half rate
-        a, b = 1.0 - half * of_winding * (slope - 1.0 / inner), -half * of_winding / inner
-        c, d = -half * of_housing / inner, 1.0 + half * of_housing * (1.0 / inner + 1.0 / outer)
-        scale = 2.0 * half / (a * d - b * c)
-        winding += scale * (d * rate_w - b * rate_h)
-        housing += scale * (a * rate_h - c * rate_w)
-        windings.append(min(winding, BURNT_DEGC))
-        housings.append(housing)
-        if winding >= BURNT_DEGC:
-            break
-    times = np.linspace(0.0, 2.0 * half * (len(windings) - 1), len(windings))
-    values = np.array(windings)
-    return Course(times, values, np.array(housings), _reached(times, values, thermal.winding_limit_degc))
+    found = np.full((count + 1, 2), thermal.ambient_degc)
+    step_s = duration / count
+    found = found[: fill_shift(astuple(losses), step_s, BURNT_DEGC, heat_constants(parameters)[0], found)]
+    times, values = np.linspace(0.0, step_s * (len(found) - 1), len(found)), found[:, 0]
+    return Course(times, values, found[:, 1], _reached(times, values, thermal.winding_limit_degc))
 
 
 def _reached(times: Floats, values: Floats, limit: float) -> float | None:
@@ -354,6 +313,6 @@ def continuous_torque(speed_rad_s: Floats | float, parameters: Parameters) -> Fl
     room_k = limit - thermal.ambient_degc - outer * direct_w
     permitted_w = np.maximum(room_k, 0.0) / (thermal.winding_to_housing_k_w + outer)
     # the loss of a current of 1 A for K_m at the reference temperature, and so of the torque K_m there
-    per_square_w, _ = copper_loss_w(1.0, limit, parameters)
+    per_square_w, _ = copper_loss(1.0, limit, heat_constants(parameters)[0])
     torque = motor.torque_constant_n_m_a * np.sqrt(permitted_w / per_square_w)
     return np.where(speed <= motor.max_speed_rad_s, torque, 0.0)

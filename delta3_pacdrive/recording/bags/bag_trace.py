@@ -18,6 +18,7 @@ from delta3_pacdrive.recording.signals import (
     ROTARY_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
 )
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
@@ -383,7 +384,7 @@ def _signals(
     if len(feedback) == len(telegrams.AT):
         for i, signal in enumerate(TELEGRAM_SIGNALS[telegrams.AT[0]]):
             found[signal] = np.stack([one[:, i] for one in feedback], axis=1)
-    names_kept = (*SIGNALS, *SUPPLY_SIGNALS, *TORQUE_SIGNALS, *ROTARY_SIGNALS)
+    names_kept = (*SIGNALS, *SUPPLY_SIGNALS, *THERMAL_SIGNALS, *TORQUE_SIGNALS, *ROTARY_SIGNALS)
     return {signal: found[signal] for signal in names_kept if signal in found}
 
 

@@ -18,6 +18,7 @@ from delta3_pacdrive.recording.signals import (
     ROTARY_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
     columns_of,
@@ -45,7 +46,7 @@ OF_ARMS = {
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
 OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS | ROTARY_SIGNALS
-OF_RUNS |= DERIVED_SIGNALS
+OF_RUNS |= THERMAL_SIGNALS | DERIVED_SIGNALS
 QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
 ONE = '1'  # unit of dimensionless values

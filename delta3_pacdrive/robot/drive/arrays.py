@@ -20,6 +20,8 @@ Arguments of the kernels of this package:
     I_eff [A]: of the power stage, mean of a period, addition to the reference.
 ``link``
     DC link: voltage [V], readiness (1 or 0), load of the brake resistor, shape (3,).
+``warmth``
+    Temperatures of winding, housing and heat sink [degC], and relative viscous friction, shape (4,).
 ``voltage_max``
     Largest phase voltage [V rms].
 ``value``, ``limit``
@@ -45,6 +47,7 @@ from delta3_pacdrive.parameters.supply import OVER_VOLTAGE, UNDER_VOLTAGE
 from delta3_pacdrive.robot.drive.notch import COEFFICIENTS, coefficients
 from delta3_pacdrive.robot.motor import MOTOR
 from delta3_pacdrive.robot.motor import motor as motor_constants
+from delta3_pacdrive.robot.motor_heat import HEAT, heat_constants
 
 
 class DriveState(IntEnum):
@@ -63,6 +66,7 @@ class DriveState(IntEnum):
 IMPLAUSIBLE_SPEED = 1.5  # encoder step within one cycle, relative to the trip speed
 SHORT_CIRCUIT = 1.3  # current that blocks the power stage, relative to the peak current
 STANDSTILL_RAD_S = 0.5  # S-0-0124
+UNREACHABLE_DEGC = 1e6
 
 STATE = np.dtype(
     [
@@ -158,6 +162,11 @@ STATE = np.dtype(
         ('link_forced', 'i8'),  # injected: another voltage than that of the supply
         ('link_ready', 'i8'),  # precharged
         ('resistor_load', 'f8'),  # heat of the brake resistor relative to its continuous power
+        # of motor and drive at the start of this bus cycle [degC]
+        ('winding_degc', 'f8'),
+        ('housing_degc', 'f8'),
+        ('sink_degc', 'f8'),
+        ('torque_share', 'f8'),  # K_m relative to the parameter
         ('blocked', 'i8'),  # the power stage has switched itself off, over-current
         ('winding_short', 'i8'),  # injected: short circuit at the motor's terminals
         ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; equals the stage current without a short
@@ -197,6 +206,11 @@ def _sensor(p: Parameters, name: str) -> float:
 
 def _notch_coefficient(number: int, place: int, p: Parameters) -> float:
     return coefficients(notches(p.drive)[number - 1], p.drive.velocity_period_s)[place]
+
+
+def _threshold(p: Parameters, temperature_degc: float) -> float:
+    """Return a temperature that is monitored if the robot warms up."""
+    return temperature_degc if p.thermal.in_drives else UNREACHABLE_DEGC
 
 
 # name, type and formula of each constant
@@ -256,6 +270,10 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
      lambda p: IMPLAUSIBLE_SPEED * p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
     ('stop_deceleration', 'f8', lambda p: p.drive.stop_deceleration_rad_s2),  # [rad/s^2], of BD2
     ('command_step_max', 'f8', lambda p: p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
+    ('motor_warning', 'f8', lambda p: _threshold(p, p.thermal.motor_warning_degc)),  # [degC]
+    ('motor_limit', 'f8', lambda p: _threshold(p, p.thermal.winding_limit_degc)),
+    ('sink_warning', 'f8', lambda p: _threshold(p, p.thermal.sink_warning_degc)),
+    ('sink_limit', 'f8', lambda p: _threshold(p, p.thermal.sink_limit_degc)),
     ('overload_time', 'f8', lambda p: p.drive.overload_time_s),
     ('settle_cycles', 'i8', lambda p: _cycles(p, p.drive.enable_settle_s)),
     ('release_cycles', 'i8', lambda p: _cycles(p, p.motor.brake_release_s) + 1),
@@ -264,7 +282,15 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
 )
 # fmt: on
 NOTCH_CONSTANTS = tuple(name for name, _, _ in _CONSTANTS if name.startswith('notch_'))
-CONSTANTS = np.dtype([*((name, kind) for name, kind, _ in _CONSTANTS), ('motor', MOTOR)], align=True)
+CONSTANTS = np.dtype(
+    [
+        *((name, kind) for name, kind, _ in _CONSTANTS),
+        ('motor', MOTOR),  # at its present temperature
+        ('cold_motor', MOTOR),
+        ('heat', HEAT),
+    ],
+    align=True,
+)
 EXCITATION_MAX = 128  # periods of the velocity loop in a bus cycle of a drive that has a generator
 DRIVE = np.dtype(
     [
@@ -289,5 +315,6 @@ def drive_constants(parameters: Parameters) -> NDArray[Any]:
     record = np.zeros(1, CONSTANTS)
     for name, _, value in _CONSTANTS:
         record[name] = value(parameters)
-    record['motor'] = motor_constants(parameters)
+    record['motor'] = record['cold_motor'] = motor_constants(parameters)
+    record['heat'] = heat_constants(parameters)
     return record

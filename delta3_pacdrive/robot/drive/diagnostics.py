@@ -39,6 +39,8 @@ class DriveFault(IntEnum):
     OVER_VOLTAGE = 12
     BRAKE = 13
     RESISTOR = 14
+    MOTOR_TEMPERATURE = 15
+    DRIVE_TEMPERATURE = 16
 
 
 class DriveWarning(IntFlag):
@@ -48,6 +50,8 @@ class DriveWarning(IntFlag):
     FOLLOWING_ERROR = 1
     OVERLOAD = 2
     RESISTOR = 4
+    MOTOR_TEMPERATURE = 8
+    DRIVE_TEMPERATURE = 16
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,10 @@ FAULTS = {
     DriveFault.BRAKE: Diagnostic(8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'),
     DriveFault.RESISTOR: Diagnostic(8912, 3, Reaction.BD2, Class1.MANUFACTURER,
         'brake resistor of the DC link overloaded'),
+    DriveFault.MOTOR_TEMPERATURE: Diagnostic(8915, 3, Reaction.BD2, Class1.MOTOR_TEMPERATURE,
+        'winding of the motor too hot'),
+    DriveFault.DRIVE_TEMPERATURE: Diagnostic(8917, 3, Reaction.BD2, Class1.DRIVE_TEMPERATURE,
+        'heat sink of the drive too hot'),
 }
 WARNINGS = {
     DriveWarning.FOLLOWING_ERROR: Diagnostic(8132, 2, Reaction.NONE, Class2.MANUFACTURER,
@@ -92,6 +100,10 @@ WARNINGS = {
     DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class2.OVERLOAD, 'I2t over 80 % of its limit'),
     DriveWarning.RESISTOR: Diagnostic(8913, 2, Reaction.NONE, Class2.MANUFACTURER,
         'brake resistor of the DC link over 80 % of its load'),
+    DriveWarning.MOTOR_TEMPERATURE: Diagnostic(8914, 2, Reaction.NONE, Class2.MOTOR_TEMPERATURE,
+        'winding of the motor over its warning temperature'),
+    DriveWarning.DRIVE_TEMPERATURE: Diagnostic(8916, 2, Reaction.NONE, Class2.DRIVE_TEMPERATURE,
+        'heat sink of the drive over its warning temperature'),
 }
 # fmt: on
 

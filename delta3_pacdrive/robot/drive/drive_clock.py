@@ -16,6 +16,7 @@ from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 PARTING_CYCLES = 100  # bus cycles that a drive stays on the bus after the longest stop
 Shaft = tuple[float, float, float]  # position, speed, coupling torque
 Supply = tuple[float, ...]  # voltage, readiness and resistor load of the DC link
+Warmth = tuple[float, ...]  # winding, housing and heat sink [degC], relative viscous friction
 
 
 class Command(NamedTuple):
@@ -49,9 +50,9 @@ class Callbacks(NamedTuple):
 class DriveClock:
     """One drive in bus time.
 
-    A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft, and
-    the state of a DC link with a model, are awaited indefinitely. A drive that stops without its master awaits no
-    commands.
+    A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft, the
+    state of a DC link with a model, and the temperatures of a robot that warms up are awaited indefinitely. A drive
+    that stops without its master awaits no commands.
 
     Attributes
     ----------
@@ -90,6 +91,8 @@ class DriveClock:
         self._shafts: dict[int, Shaft] = {}
         self._supplied = parameters.supply.enabled
         self._supplies: dict[int, Supply] = {}
+        self._warms = parameters.thermal.in_drives
+        self._warmths: dict[int, Warmth] = {}
 
     @property
     def cycle(self) -> int:
@@ -107,6 +110,7 @@ class DriveClock:
         self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
         self._shafts = {key: value for key, value in self._shafts.items() if key >= self.exchange}
         self._supplies = {key: value for key, value in self._supplies.items() if key >= cycle}
+        self._warmths = {key: value for key, value in self._warmths.items() if key >= cycle}
         self._newest = max(self._commands, default=-1)
         self.running, self._parting, self._parted = True, False, 0
         self._advance()
@@ -124,6 +128,7 @@ class DriveClock:
         self._lost.clear()
         self._shafts.clear()
         self._supplies.clear()
+        self._warmths.clear()
         self._drive.leave_bus()
         self.service = ServiceSlave(self._callbacks.serve)
 
@@ -157,6 +162,11 @@ class DriveClock:
         self._supplies[cycle] = supply
         self._advance()
 
+    def take_temperatures(self, cycle: int, warmth: Warmth) -> None:
+        """Store the temperatures of motor and drive at the start of a bus cycle."""
+        self._warmths[cycle] = warmth
+        self._advance()
+
     def _advance(self) -> None:
         """Run all exchanges whose telegrams have arrived."""
         drive = self._drive
@@ -171,6 +181,10 @@ class DriveClock:
                     if cycle not in self._supplies:
                         return
                     drive.take_link(self._supplies[cycle])
+                if self._warms:
+                    if cycle not in self._warmths:
+                        return
+                    drive.take_temperatures(self._warmths[cycle])
                 if cycle >= self._faults.next_cycle:
                     changes = self._faults.due(cycle)
                     apply_to_drive(drive.state[0], self._axis, changes, self._faults.active)
@@ -193,6 +207,7 @@ class DriveClock:
                 self._callbacks.send_answer(cycle, status)
             del self._shafts[exchange]
             self._supplies.pop(cycle, None)
+            self._warmths.pop(cycle, None)
             scope = self.scope
             released = drive.run_period(*shaft) if scope is None else scope.run_period(exchange, *shaft)
             self._callbacks.send_current(exchange, released)

@@ -34,6 +34,7 @@ from delta3_pacdrive.robot.motor import (
     short_circuit_current,
     winding_current,
 )
+from delta3_pacdrive.robot.motor_heat import resistance_share, torque_share
 from delta3_pacdrive.robot.sercos.increments import to_increments
 from delta3_pacdrive.robot.sercos.words import payload_on_grid
 
@@ -183,6 +184,20 @@ def take_link(link, s):
 
 
 @kernel
+def take_temperatures(warmth, s, c):
+    """Take the temperatures of motor and drive at the start of a bus cycle, and adapt the motor to them."""
+    s.winding_degc, s.housing_degc, s.sink_degc, friction = warmth
+    m, cold, h = c.motor, c.cold_motor, c.heat
+    s.torque_share = torque_share(s.winding_degc, h)
+    m.torque_constant = s.torque_share * cold.torque_constant
+    m.back_emf_constant = s.torque_share * cold.back_emf_constant
+    m.viscous_friction = friction * cold.viscous_friction
+    resistance = resistance_share(s.winding_degc, h)
+    m.phase_resistance = resistance * cold.phase_resistance
+    m.current_decay = cold.current_decay**resistance
+
+
+@kernel
 def mc4_run_period(shaft, drives, i, currents):
     """Run the control loops for one exchange period, filling a column of currents; return the brake output.
 
@@ -299,6 +314,11 @@ class MC4:
         self.answer: Floats = self.state['answer'][0]
         self.state['dc_link'] = self.state['link_voltage'] = parameters.drive.dc_link_voltage_v
         self.state['link_ready'] = 1
+        thermal = parameters.thermal
+        motor_degc = thermal.start_degc if thermal.in_drives else thermal.reference_degc
+        self.state['winding_degc'] = self.state['housing_degc'] = motor_degc
+        self.state['sink_degc'] = thermal.ambient_degc
+        self.state['torque_share'] = 1.0
         self.state['place'] = bus_place
         sensors.calibrate(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
@@ -435,6 +455,10 @@ class MC4:
     def take_link(self, link: Sequence[float]) -> None:
         """Take voltage [V], readiness and resistor load of the DC link at the start of a bus cycle."""
         take_link(link, self.state[0])
+
+    def take_temperatures(self, warmth: Sequence[float]) -> None:
+        """Take winding, housing, heat sink [degC] and relative viscous friction at the start of a bus cycle."""
+        take_temperatures(warmth, self.state[0], self.constants[0])
 
     @property
     def drive_state(self) -> DriveState:

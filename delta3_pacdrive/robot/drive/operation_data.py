@@ -261,6 +261,10 @@ _GROUPS = {
              'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
         _row('S-0-0050', 'Negative position limit value', 'rad',
              'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        _set('S-0-0200', 'Amplifier warning temperature', 'degC', 'thermal.sink_warning_degc', ALWAYS),
+        _set('S-0-0201', 'Motor warning temperature', 'degC', 'thermal.motor_warning_degc', ALWAYS),
+        _row('S-0-0203', 'Amplifier shutdown temperature', 'degC', 'thermal.sink_limit_degc'),
+        _row('S-0-0204', 'Motor shutdown temperature', 'degC', 'thermal.winding_limit_degc'),
         _row('S-0-0124', 'Standstill window', 'rad/s', formula=_constant(STANDSTILL_RAD_S)),
     ),
     Group.TIMING: (
@@ -344,6 +348,8 @@ _GROUPS = {
              'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
         _row('S-0-0189', 'Following distance', 'rad', 'following_error'),
         _row('S-0-0380', 'DC bus voltage', 'V', 'dc_link'),
+        _row('S-0-0383', 'Motor temperature', 'degC', 'winding_degc'),
+        _row('S-0-0384', 'Amplifier temperature', 'degC', 'sink_degc'),
         _row('S-0-0389', 'Effective current', 'A', 'current'),
         _row('P-0-0071', 'Voltage command value of a phase', 'V', 'voltage'),
         _row('P-0-0072', 'Integral of the I2t monitoring', 's', 'overload'),
@@ -352,6 +358,7 @@ _GROUPS = {
         _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'last_rms'),
         _row('P-0-0075', 'Load of the brake resistor', ONE, 'resistor_load'),
         _row('P-0-0076', 'Precharge of the DC bus (0 in progress, 1 ready)', ONE, 'link_ready'),
+        _row('P-0-0077', "Temperature of the motor's housing", 'degC', 'housing_degc'),
     ),
     # generator in the drive, for the measurement of frequency responses
     Group.EXCITATION: (

@@ -13,7 +13,7 @@ def reset_observer(shaft, s):
 @kernel
 def advance_observer(mean_current, s, c, m):
     """Advance the shaft by one current-loop period under its current, friction and the last coupling torque."""
-    torque = c.torque_constant * mean_current - friction_torque(s.speed, m) - s.coupling
+    torque = c.torque_constant * s.torque_share * mean_current - friction_torque(s.speed, m) - s.coupling
     acceleration = torque / c.observer_inertia
     s.position += c.current_period * (s.speed + 0.5 * c.current_period * acceleration)
     s.speed += c.current_period * acceleration

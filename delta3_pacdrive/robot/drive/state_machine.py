@@ -15,12 +15,19 @@ NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED = map(int,
 (
     NO_FAULT, FOLLOWING_ERROR, OVERSPEED, OVERLOAD, COMMAND_STEP, COMMAND_NOT_FINITE, TELEGRAM,
     ENCODER, OVER_CURRENT, OVERTRAVEL, MASTER_SILENT, UNDER_VOLTAGE, OVER_VOLTAGE, BRAKE, RESISTOR,
+    MOTOR_TEMPERATURE, DRIVE_TEMPERATURE,
 ) = map(int, DriveFault)  # fmt: skip
 WARN_FOLLOWING, WARN_OVERLOAD, WARN_RESISTOR = (
     int(DriveWarning.FOLLOWING_ERROR),
     int(DriveWarning.OVERLOAD),
     int(DriveWarning.RESISTOR),
 )
+WARN_MOTOR, WARN_DRIVE = int(DriveWarning.MOTOR_TEMPERATURE), int(DriveWarning.DRIVE_TEMPERATURE)
+ALONG_PATH = (
+    OVERLOAD,
+    MOTOR_TEMPERATURE,
+    DRIVE_TEMPERATURE,
+)  # faults whose stop follows the master's commands
 NO_REACTION, BD2, BD1, AD = map(int, Reaction)
 DRIVE_ON, ENABLE, RUN = int(Control.DRIVE_ON), int(Control.ENABLE), int(Control.RUN)
 STATUS_READY_FOR_POWER, STATUS_READY_TO_ENABLE = int(Status.READY_FOR_POWER), int(Status.READY_TO_ENABLE)
@@ -122,6 +129,20 @@ def _link_fault(s, c):
 
 
 @kernel
+def _heat_fault(s, c):
+    """Return the fault of an overloaded or hot motor, drive or brake resistor found in this cycle."""
+    if s.overload > c.overload_time:
+        return OVERLOAD
+    if s.resistor_load > 1.0:
+        return RESISTOR
+    if s.winding_degc > c.motor_limit:
+        return MOTOR_TEMPERATURE
+    if s.sink_degc > c.sink_limit:
+        return DRIVE_TEMPERATURE
+    return NO_FAULT
+
+
+@kernel
 def detect_fault(s, c):
     """Return the fault found in this cycle; the strongest reaction takes precedence."""
     if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
@@ -148,10 +169,7 @@ def detect_fault(s, c):
             return COMMAND_STEP
         if s.following_error > TRIP_OVER_WARNING * c.following_error_limit:
             return FOLLOWING_ERROR
-        if s.overload > c.overload_time:
-            return OVERLOAD
-        if s.resistor_load > 1.0:
-            return RESISTOR
+        return _heat_fault(s, c)
     return NO_FAULT
 
 
@@ -183,14 +201,15 @@ def switch_on(s, c):
 def react(reaction, s):
     """Start a reaction, unless a stronger one is in progress.
 
-    BD2 of an overload follows the master's commands until they stop, so that the TCP stays on its path.
+    BD2 of an overload or a high temperature follows the master's commands until they stop, so that the TCP stays on
+    its path.
     """
     if reaction == AD:
         s.reaction = AD if s.fault != NO_FAULT else NO_REACTION
         s.brake_release = 0
         change_state(READY if s.fault == NO_FAULT else FAULT, s)
     elif s.state in (ENABLING, ENABLED, HALTED):
-        s.along = 1 if s.state == ENABLED and reaction == BD2 and s.fault == OVERLOAD else 0
+        s.along = 1 if s.state == ENABLED and reaction == BD2 and s.fault in ALONG_PATH else 0
         s.reaction = reaction
         s.still_cycles = 0
         change_state(STOPPING, s)
@@ -238,6 +257,10 @@ def _measure(s, c):
         s.warning |= WARN_OVERLOAD
     if s.resistor_load > OVERLOAD_WARNING:
         s.warning |= WARN_RESISTOR
+    if s.winding_degc > c.motor_warning:
+        s.warning |= WARN_MOTOR
+    if s.sink_degc > c.sink_warning:
+        s.warning |= WARN_DRIVE
 
 
 @kernel
@@ -347,6 +370,8 @@ def clear_fault(s, c):
     if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
         return False
     if s.resistor_load > OVERLOAD_WARNING:
+        return False
+    if s.winding_degc > c.motor_warning or s.sink_degc > c.sink_warning:
         return False
     if s.overload > RESET_OVERLOAD * c.overload_time or abs(s.speed) > STANDSTILL_RAD_S:
         return False

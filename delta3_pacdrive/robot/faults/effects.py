@@ -45,6 +45,14 @@ def apply_to_link(state: Any, active: Sequence[Fault]) -> None:
     state['resistor_broken'] = any(fault.kind == 'resistor_open' for fault in active)
 
 
+def apply_to_temperatures(bodies: Any, active: Sequence[Fault], axes: Sequence[str]) -> None:
+    """Update the temperatures of motors and drives, whose axes are given in order; excesses add up."""
+    for state, axis in zip(bodies['state'], axes, strict=True):
+        values = _values(axis, active)
+        state['excess'] = sum(values('motor_hot'))
+        state['fan_blocked'] = len(values('fan_blocked')) > 0
+
+
 def apply_to_motors(state: Any, active: Sequence[Fault], axes: Sequence[str]) -> None:
     """Update brakes and loads of motors, whose axes are given in order."""
     for index, axis in enumerate(axes):

@@ -23,6 +23,7 @@ from delta3_pacdrive.configuration.schema import RecordReader
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, chosen_kind, read_document
 from delta3_pacdrive.configuration.value_readers import number_between, one_of
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.sercos.configuration_check import (
     ALL_DRIVES,
     DRIVES,
@@ -96,6 +97,8 @@ KINDS = {
     'deaf': Kind(_NODE, 'process that works, but no longer receives anything', once=True),
     'supply_dip': Kind(_ROBOT, 'mains at a share of their voltage', 'share', 0.0, 1.3, **_OF_PLANT),
     'resistor_open': Kind(_ROBOT, 'brake resistor without contact', **_OF_PLANT),
+    'motor_hot': Kind(_AXIS, 'winding hotter than by its losses', 'excess_k', 0.0, 300.0, **_OF_PLANT),
+    'fan_blocked': Kind(_AXIS, 'drive without the air of its fan', **_OF_PLANT),
 }
 NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
@@ -106,6 +109,7 @@ GARBLED = frozenset({'corrupt_mdt', 'corrupt_at'})
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})
 SUPPLY_FAULTS = frozenset({'supply_dip', 'resistor_open'})
+THERMAL_FAULTS = frozenset({'motor_hot', 'fan_blocked'})
 _PLACES = ('', *NODES, *ROTARY_DRIVES)  # numbered in messages
 
 
@@ -221,8 +225,8 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     )
 
 
-def require_targets(faults: Sequence[Fault], axes: Sequence[str], supplied: bool) -> None:
-    """Reject faults of an axis that is not among the ``axes`` of the robot, or of a supply without a model.
+def require_targets(faults: Sequence[Fault], parameters: Parameters) -> None:
+    """Reject faults of an axis that the robot does not have, and of a supply or temperatures without a model.
 
     Raises
     ------
@@ -231,11 +235,13 @@ def require_targets(faults: Sequence[Fault], axes: Sequence[str], supplied: bool
 
     """
     for fault in faults:
-        require_axis(fault.target, axes, ProgramError, f'{fault.text}: ')
-        if fault.kind in SUPPLY_FAULTS and not supplied:
+        require_axis(fault.target, parameters.axes, ProgramError, f'{fault.text}: ')
+        if fault.kind in SUPPLY_FAULTS and not parameters.supply.enabled:
             raise ProgramError(
                 f'{fault.text}: the voltage of the DC link is constant (supply.enabled is false)'
             )
+        if fault.kind in THERMAL_FAULTS and not parameters.thermal.in_drives:
+            raise ProgramError(f'{fault.text}: temperatures are constant (thermal.in_drives is false)')
 
 
 def applies_to(fault: Fault, node: str) -> bool:

@@ -62,7 +62,7 @@ STATE = np.dtype(
         ('theta', 'f8', (3,)),  # [rad], arm
         ('thetadot', 'f8', (3,)),  # [rad/s], arm
         ('thetaddot', 'f8', (3,)),  # [rad/s^2], arm, of the last step
-        ('current', 'f8', (3,)),  # [A rms], at the end of the last step
+        ('current', 'f8', (3,)),  # [A rms], at the end of the last step, for the whole K_m
         ('coupling', 'f8', (3,)),  # d [N m], motor (4.31)
         ('offset', 'f8', (3,)),  # [m], of the true TCP by the frame and by elastic rods
         ('drawn', 'f8'),  # [J], from the DC link in the last exchange period
@@ -77,6 +77,10 @@ STATE = np.dtype(
         ('brake_stuck', 'i8', (3,)),  # an applied brake no longer opens
         ('load_torque', 'f8', (3,)),  # [N m], motor; positive opposes forward rotation
         ('payload_lost', 'i8'),  # the payload has fallen off, until another one is gripped
+        # of warm motors and gears: K_m, R and viscous friction relative to the parameters
+        ('torque_share', 'f8', (3,)),
+        ('resistance_share', 'f8', (3,)),
+        ('friction_share', 'f8', (3,)),
     ],
     align=True,
 )

@@ -37,7 +37,7 @@ from delta3_pacdrive.kinematics import inverse_columns, pose
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import combine, difference, dot, middle, plus, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.motor import friction_torque
+from delta3_pacdrive.robot.motor import warm_friction_torque
 from delta3_pacdrive.robot.plant.brake import acceleration_under_brakes, caught_speeds
 from delta3_pacdrive.robot.plant.contact import contact_torque, end_stop_torque
 
@@ -138,11 +138,11 @@ def bristle_after(bristle, speed, duration, m, r):
 
 
 @kernel
-def bristle_friction(bristle, speed, m, r):
-    """Friction torque at the shaft."""
+def bristle_friction(bristle, speed, friction_share, m, r):
+    """Friction torque at the shaft if the viscous friction has fallen to a share."""
     ratio = speed / r.stribeck_speed
     share = math.exp(-ratio * ratio)
-    torque = r.bristle_stiffness * bristle + m.viscous_friction * speed
+    torque = r.bristle_stiffness * bristle + friction_share * m.viscous_friction * speed
     if share != 0.0:
         level = m.static_friction + r.stiction * share
         slip = r.bristle_stiffness * abs(speed) / level * bristle
@@ -151,15 +151,14 @@ def bristle_friction(bristle, speed, m, r):
 
 
 @kernel
-def shaft_torque(current, load, shaft, rate, bristle, plant, built):
-    """Motor torque [N m, motor side] less friction and load, and its difference from the model's.
-
-    ``load`` is a torque [N m] on the shaft.
-    """
+def shaft_torque(i, current, shaft, rate, bristle, plant, built):
+    """Motor torque [N m, motor side] of axis ``i`` less friction and load, and its difference from the model's."""
     c, m, r = plant.constants, plant.motor, built.constants
     speed = c.gear_ratio * rate
-    modelled = friction_torque(speed, m)
-    friction = modelled if r.bristle_stiffness == 0.0 else bristle_friction(bristle, speed, m, r)
+    share, load = plant.state.friction_share[i], plant.state.load_torque[i]
+    friction = modelled = warm_friction_torque(speed, share, m)
+    if r.bristle_stiffness != 0.0:
+        friction = bristle_friction(bristle, speed, share, m, r)
     torque = motor_torque(current, c.gear_ratio * shaft, m, r) - friction - load
     return torque, m.torque_constant * current - modelled - torque
 
@@ -198,9 +197,9 @@ def _accelerations(arms, shafts, current, plant, built):
             bias[1] + h[1][0] * x + h[1][1] * y,
             bias[2] + h[2][0] * x + h[2][1] * y,
         )
-    t1, less1 = shaft_torque(current[0], s.load_torque[0], shaft[0], rate[0], z[0], plant, built)
-    t2, less2 = shaft_torque(current[1], s.load_torque[1], shaft[1], rate[1], z[1], plant, built)
-    t3, less3 = shaft_torque(current[2], s.load_torque[2], shaft[2], rate[2], z[2], plant, built)
+    t1, less1 = shaft_torque(0, current[0], shaft[0], rate[0], z[0], plant, built)
+    t2, less2 = shaft_torque(1, current[1], shaft[1], rate[1], z[1], plant, built)
+    t3, less3 = shaft_torque(2, current[2], shaft[2], rate[2], z[2], plant, built)
     k = c.gear_ratio
     held = (
         bias[0] + end_stop_torque(theta[0], thetadot[0], c),

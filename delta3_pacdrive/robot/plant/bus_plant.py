@@ -44,6 +44,9 @@ class PlantPort(Protocol):
     def send_link(self, cycle: int, values: Sequence[float]) -> None:
         """Send the state of a DC link with a model at the start of a bus cycle."""
 
+    def send_temperatures(self, cycle: int, values: Sequence[float]) -> None:
+        """Send the temperatures of a robot that warms up at the start of a bus cycle."""
+
     def report_rest(self, sentence: str) -> None:
         """Report that the machine is at rest."""
 
@@ -68,7 +71,14 @@ class BusPlant:
         self._drives = Watchdog(poll_s)
         self._repeated = 0  # repeated currents, at the last poll
         self.slave = BusSlave()
-        self.clock = PlantClock(parameters, faults, self._send_shafts, around, port.send_link)
+        self.clock = PlantClock(
+            parameters,
+            faults,
+            self._send_shafts,
+            around,
+            publish_link=port.send_link,
+            publish_temperatures=port.send_temperatures,
+        )
 
     def _send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         self._port.send_shafts(exchange, shafts)

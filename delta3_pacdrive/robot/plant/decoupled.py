@@ -24,7 +24,7 @@ from delta3_pacdrive.robot.plant.brake import (
     caught_speeds,
     command_brakes,
 )
-from delta3_pacdrive.robot.plant.rigid import drive_torque
+from delta3_pacdrive.robot.plant.rigid import drive_torque, effective_currents
 
 # grid of positions in the workspace at which the mass matrix is evaluated
 RADII, AZIMUTHS, HEIGHTS = 6, 24, 4
@@ -41,9 +41,12 @@ def step_linear(before, now, plant):
     half_way, speed = plus(theta, 0.5 * h, plus(thetadot, 0.25 * h, last)), plus(thetadot, 0.5 * h, last)
     current = middle(before, now)
     force = (
-        drive_torque(current[0], half_way[0], speed[0], c, m) - c.gear_ratio * s.coupling[0],
-        drive_torque(current[1], half_way[1], speed[1], c, m) - c.gear_ratio * s.coupling[1],
-        drive_torque(current[2], half_way[2], speed[2], c, m) - c.gear_ratio * s.coupling[2],
+        drive_torque(current[0], s.friction_share[0], half_way[0], speed[0], c, m)
+        - c.gear_ratio * s.coupling[0],
+        drive_torque(current[1], s.friction_share[1], half_way[1], speed[1], c, m)
+        - c.gear_ratio * s.coupling[1],
+        drive_torque(current[2], s.friction_share[2], half_way[2], speed[2], c, m)
+        - c.gear_ratio * s.coupling[2],
     )
     mass = (c.linear_inertia, c.linear_inertia, c.linear_inertia, 0.0, 0.0, 0.0)
     last = acceleration_under_brakes(mass, force, speed, s, c)
@@ -84,7 +87,7 @@ def advance_single(currents, brakes, coupling, plant):
     for i in range(3):
         s.coupling[i] = coupling[i]
     for k in range(currents.shape[0]):
-        now = (currents[k, 0], currents[k, 1], currents[k, 2])
+        now = effective_currents(currents, k, s)
         advance_brakes(triple(s.thetadot), s, c)
         step_linear(triple(s.current), now, p)
         for i in range(3):

@@ -17,7 +17,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import difference, plus, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.motor import drawn_energy, motor
+from delta3_pacdrive.robot.motor import motor, warm_drawn_energy
 from delta3_pacdrive.robot.plant.arrays import PLANT, plant_constants
 from delta3_pacdrive.robot.plant.brake import advance_brakes, command_brakes
 from delta3_pacdrive.robot.plant.built_robot import (
@@ -31,7 +31,7 @@ from delta3_pacdrive.robot.plant.built_robot import (
 from delta3_pacdrive.robot.plant.contact import hang_payload
 from delta3_pacdrive.robot.plant.decoupled import require_stable, step_decoupled
 from delta3_pacdrive.robot.plant.plate_pose import plate_constants, tool_place
-from delta3_pacdrive.robot.plant.rigid import rigid_coupling, step_rigid
+from delta3_pacdrive.robot.plant.rigid import effective_currents, rigid_coupling, step_rigid
 
 
 @kernel
@@ -59,7 +59,7 @@ def advance(currents, brakes, payload_kg, plant, built):
     s.drawn = 0.0
     hang_payload(payload_kg, s, p.inertia)
     for k in range(currents.shape[0]):
-        before, now = triple(s.current), (currents[k, 0], currents[k, 1], currents[k, 2])
+        before, now = triple(s.current), effective_currents(currents, k, s)
         if c.supplied != 0:
             slower = triple(s.thetadot) if built is None else triple(built[0].state.rate)
         if built is None:
@@ -75,7 +75,8 @@ def advance(currents, brakes, payload_kg, plant, built):
             faster = triple(s.thetadot) if built is None else triple(built[0].state.rate)
             for i in range(3):
                 speed = 0.5 * c.gear_ratio * (slower[i] + faster[i])
-                s.drawn += drawn_energy(before[i], now[i], speed, c.step, p.motor)
+                of_motor = speed, c.step, s.torque_share[i], s.resistance_share[i], p.motor
+                s.drawn += warm_drawn_energy(before[i], now[i], *of_motor)
         for i in range(3):
             s.current[i] = now[i]
     if built is None:
@@ -143,6 +144,7 @@ class Plant:
         record['inertia'] = inertia(parameters, lengths, rods=effects.forearm_rods, rotors=not effects.gear)
         record['motor'] = motor(parameters)
         record['plate'] = plate_constants(parameters)
+        state['torque_share'] = state['resistance_share'] = state['friction_share'] = 1.0
         state['theta'] = kinematics.inverse(parameters.motion.home_m, parameters.kinematics)
         state['theta'] += record['constants']['angle_error'] - parameters.kinematics.corrections.angle_rad
         self.built: NDArray[Any] | None = None

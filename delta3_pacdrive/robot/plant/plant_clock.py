@@ -11,11 +11,17 @@ from typing import Protocol
 import numpy as np
 
 from delta3_pacdrive.parameters import ARMS, Parameters
-from delta3_pacdrive.robot.faults.effects import apply_to_link, apply_to_motors, apply_to_plant
+from delta3_pacdrive.robot.faults.effects import (
+    apply_to_link,
+    apply_to_motors,
+    apply_to_plant,
+    apply_to_temperatures,
+)
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.plant.dc_link import DcLink
 from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.robot.plant.rotary_plant import RotaryPlant
+from delta3_pacdrive.robot.plant.temperatures import Temperatures
 
 REST_S = 1.0
 OUTPUTS_AHEAD_MAX = 64  # largest lead of an MDT over the plant [bus cycles]
@@ -50,9 +56,9 @@ class PlantClock:
     ----------
     publish
         Called with the number of an exchange and the true shafts at its start.
-    publish_link
-        Called before at the start of each bus cycle if the DC link has a model, with the cycle and the numbers of
-        ``telegrams.DC_LINK``.
+    publish_link, publish_temperatures
+        Called before at the start of each bus cycle if the DC link has a model, or if the robot warms up, with the
+        cycle and the numbers of ``telegrams.DC_LINK`` or ``telegrams.temperatures``.
 
     Attributes
     ----------
@@ -73,9 +79,11 @@ class PlantClock:
         publish: Callable[[int, Sequence[float]], None],
         around: Around | None = None,
         publish_link: Callable[[int, Sequence[float]], None] | None = None,
+        publish_temperatures: Callable[[int, Sequence[float]], None] | None = None,
     ) -> None:
         bus = parameters.bus
         self._link, self._publish_link = DcLink(parameters), publish_link
+        self._temperatures, self._publish_temperatures = Temperatures(parameters), publish_temperatures
         self._plant = Plant(parameters)
         self._axes = parameters.axes
         self._rotary = [RotaryPlant(parameters, number) for number in range(len(self._axes) - ARMS)]
@@ -199,6 +207,7 @@ class PlantClock:
             changes = self._faults.due(self.cycle)
             apply_to_plant(self._plant.state[0], changes, self._faults.active)
             apply_to_link(self._link.state[0], self._faults.active)
+            apply_to_temperatures(self._temperatures.bodies, self._faults.active, self._axes)
             for rotary, name in zip(self._rotary, self._axes[ARMS:], strict=True):
                 apply_to_motors(rotary.state[0], self._faults.active, (name,))
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
@@ -206,6 +215,9 @@ class PlantClock:
         if self._around is not None and not self.exchange % self._per_cycle:
             turn_rad = sum((axis.angle_rad for axis in self._rotary), 0.0)
             self._carried = self._around.step(self.cycle, self._plant.tcp().tolist(), turn_rad)
+        warms, begins = self._temperatures.enabled, not self.exchange % self._per_cycle
+        if warms and begins:
+            self._temperatures.warm(self._plant.state[0], [axis.state[0] for axis in self._rotary])
         brakes = []
         for index, (column, waiting) in enumerate(zip(self._columns, self._currents, strict=True)):
             released = False
@@ -223,6 +235,11 @@ class PlantClock:
         if self._link.enabled:
             self._link.advance(sum((axis.drawn_j for axis in self._rotary), self._plant.drawn_j))
         self.exchange += 1
+        if warms:
+            shafts, axes = self.shafts(), len(self._axes)
+            self._temperatures.collect(self._matrix, shafts[axes : 2 * axes])
+            if not self.exchange % self._per_cycle:
+                self._temperatures.end_cycle()
         self._send()
 
     def _send(self) -> None:
@@ -230,4 +247,10 @@ class PlantClock:
         if self._link.enabled and self._publish_link is not None and not self.exchange % self._per_cycle:
             self._publish_link(self.cycle, (*self._link.values(), *self._link.powers_w()))
             self._link.begin_cycle()
+        if (
+            self._temperatures.enabled
+            and self._publish_temperatures is not None
+            and not self.exchange % self._per_cycle
+        ):
+            self._publish_temperatures(self.cycle, self._temperatures.values())
         self._publish(self.exchange, self.shafts())

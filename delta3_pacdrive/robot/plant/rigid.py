@@ -9,16 +9,26 @@ there once, and the state advances with that acceleration; second order in the s
 from delta3_pacdrive.dynamics import motion_terms, multiply
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import middle, plus, triple
-from delta3_pacdrive.robot.motor import friction_torque
+from delta3_pacdrive.robot.motor import warm_friction_torque
 from delta3_pacdrive.robot.plant.brake import acceleration_under_brakes, caught_speeds
 from delta3_pacdrive.robot.plant.contact import end_stop_torque
 
 
 @kernel
-def drive_torque(current, theta, thetadot, c, m):
+def effective_currents(currents, k, s):
+    """Currents [A] at the end of step ``k``, with which motors with the whole K_m have the same torque."""
+    return (
+        s.torque_share[0] * currents[k, 0],
+        s.torque_share[1] * currents[k, 1],
+        s.torque_share[2] * currents[k, 2],
+    )
+
+
+@kernel
+def drive_torque(current, friction_share, theta, thetadot, c, m):
     """Torque [N m, arm side] of one motor through its gear, less friction and end stop."""
     speed = c.gear_ratio * thetadot
-    torque = c.gear_ratio * (m.torque_constant * current - friction_torque(speed, m))
+    torque = c.gear_ratio * (m.torque_constant * current - warm_friction_torque(speed, friction_share, m))
     return torque - end_stop_torque(theta, thetadot, c)
 
 
@@ -33,9 +43,9 @@ def accelerate(theta, thetadot, current, plant):
         b3 + c.gear_ratio * s.load_torque[2],
     )
     force = (
-        drive_torque(current[0], theta[0], thetadot[0], c, m) - bias[0],
-        drive_torque(current[1], theta[1], thetadot[1], c, m) - bias[1],
-        drive_torque(current[2], theta[2], thetadot[2], c, m) - bias[2],
+        drive_torque(current[0], s.friction_share[0], theta[0], thetadot[0], c, m) - bias[0],
+        drive_torque(current[1], s.friction_share[1], theta[1], thetadot[1], c, m) - bias[1],
+        drive_torque(current[2], s.friction_share[2], theta[2], thetadot[2], c, m) - bias[2],
     )
     return acceleration_under_brakes(mass, force, thetadot, s, c), mass, bias
 

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, AXES_MAX, Parameters, rotary_axis_parameters
-from delta3_pacdrive.robot.motor import MOTOR, drawn_energy, friction_torque, motor
+from delta3_pacdrive.robot.motor import MOTOR, motor, warm_drawn_energy, warm_friction_torque
 from delta3_pacdrive.robot.plant.brake import advance_brake, caught_speed
 from delta3_pacdrive.robot.plant.built_robot import STEP_ANGLE, STEP_DECAY, gear_torque
 
@@ -45,7 +45,7 @@ STATE = np.dtype(
         ('angle', 'f8'),  # [rad], tool
         ('turning', 'f8'),  # [rad/s], tool
         ('turning_acceleration', 'f8'),  # [rad/s^2], tool, of the last step
-        ('current', 'f8'),  # [A rms], at the end of the last step
+        ('current', 'f8'),  # [A rms], at the end of the last step, for the whole K_m
         ('coupling', 'f8'),  # d [N m]: motor torque beyond the inertia known to the drive
         ('drawn', 'f8'),  # [J], from the DC link in the last exchange period
         ('inertia', 'f8'),  # J [kg m^2] of bar, tool and payload about z
@@ -58,6 +58,9 @@ STATE = np.dtype(
         ('brake_share', 'f8', (1,)),
         ('brake_stuck', 'i8', (1,)),
         ('load_torque', 'f8', (1,)),  # [N m], motor; positive opposes forward rotation
+        ('torque_share', 'f8', (1,)),  # K_m, R and viscous friction relative to the parameters
+        ('resistance_share', 'f8', (1,)),
+        ('friction_share', 'f8', (1,)),
     ],
     align=True,
 )
@@ -151,7 +154,11 @@ def _step(before, now, p):
     for part in range(c.substeps):
         current = before + (part + 0.5) / c.substeps * (now - before)
         speed = s.rate + 0.5 * h * s.acceleration
-        torque = m.torque_constant * current - friction_torque(speed, m) - s.load_torque[0]
+        torque = (
+            m.torque_constant * current
+            - warm_friction_torque(speed, s.friction_share[0], m)
+            - s.load_torque[0]
+        )
         inertia = c.rotor
         if c.elastic != 0:
             turning = s.turning + 0.5 * h * s.turning_acceleration
@@ -176,7 +183,11 @@ def _step(before, now, p):
 def _coupling(p):
     """Torque d [N m, motor side] of the motor beyond the inertia known to its drive."""
     s, c, m = p.state, p.constants, p.motor
-    torque = m.torque_constant * s.current - friction_torque(s.rate, m) - s.load_torque[0]
+    torque = (
+        m.torque_constant * s.current
+        - warm_friction_torque(s.rate, s.friction_share[0], m)
+        - s.load_torque[0]
+    )
     inertia, passed = c.rotor, 0.0
     if c.elastic != 0:
         passed = _bar_torque(s.shaft, s.rate, s.angle, s.turning, c) / c.gear_ratio
@@ -210,9 +221,11 @@ def advance_rotary(currents, i, brake, payload_kg, rotary, number):
     for k in range(currents.shape[0]):
         advance_brake(0, s.rate, s, c)
         slower = s.rate
-        _step(s.current, currents[k, i], p)
-        s.drawn += drawn_energy(s.current, currents[k, i], 0.5 * (slower + s.rate), c.step, p.motor)
-        s.current = currents[k, i]
+        now = s.torque_share[0] * currents[k, i]
+        _step(s.current, now, p)
+        of_motor = 0.5 * (slower + s.rate), c.step, s.torque_share[0], s.resistance_share[0], p.motor
+        s.drawn += warm_drawn_energy(s.current, now, *of_motor)
+        s.current = now
     s.coupling = _coupling(p)
     p.shaft[0], p.shaft[1], p.shaft[2] = s.shaft, s.rate, s.coupling
 
@@ -239,6 +252,7 @@ class RotaryPlant:
         state['angle'] = rotary.home_rad
         state['shaft'] = rotary.home_rad * rotary.gear_ratio
         state['brake_locked'], state['brake_share'] = 1, 1.0
+        state['torque_share'] = state['resistance_share'] = state['friction_share'] = 1.0
         self.advance(np.empty((0, AXES_MAX)), False, parameters.dynamics.payload_mass_kg)
 
     def advance(self, currents: Floats, brake_released: bool, payload_kg: float) -> None:

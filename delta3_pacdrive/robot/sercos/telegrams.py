@@ -125,6 +125,14 @@ class BrakeOutput(NamedTuple):
     payload_kg: float
 
 
+def temperatures(drives: Sequence[str] = DRIVES) -> Telegram:
+    """Return the layout of the temperatures of windings, housings and heat sinks [degC], and viscous frictions."""
+    count = len(drives)
+    return Telegram(
+        'plant/temperatures', JOINT_STATE, tuple(drives), (count, count, 2 * count), len(NO_SESSION)
+    )
+
+
 def inputs(names: Sequence[str]) -> Telegram:
     """Return the layout of inputs with these names: 1 is on, 0 is off."""
     return Telegram(INPUTS_TOPIC, JOINT_STATE, tuple(names), (len(names), 0, 0), len(NO_SESSION))

@@ -55,6 +55,8 @@ class Class1(IntFlag):
     """Class 1 diagnostic, S-0-0011: causes of a shut-down, latched."""
 
     OVERLOAD = 1 << 0
+    DRIVE_TEMPERATURE = 1 << 1
+    MOTOR_TEMPERATURE = 1 << 2
     FEEDBACK = 1 << 5
     OVER_CURRENT = 1 << 7
     OVER_VOLTAGE = 1 << 8
@@ -69,6 +71,8 @@ class Class2(IntFlag):
     """Class 2 diagnostic, S-0-0012: current warnings."""
 
     OVERLOAD = 1 << 0
+    DRIVE_TEMPERATURE = 1 << 1
+    MOTOR_TEMPERATURE = 1 << 2
     MANUFACTURER = 1 << 15
 
 

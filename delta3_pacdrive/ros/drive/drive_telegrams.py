@@ -1,8 +1,8 @@
 """Cyclic telegrams of one drive.
 
-In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts), with ``supply.enabled`` ``plant/dc_link``. Out:
-``sercos/at/axisN`` (encoder, status), ``axisN/motor_current`` (I_eff of every current-loop period),
-``axisN/phase_current`` (I1s, I2s, I3s, on request).
+In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts), with ``supply.enabled`` ``plant/dc_link``, with
+``thermal.in_drives`` ``plant/temperatures``. Out: ``sercos/at/axisN`` (encoder, status), ``axisN/motor_current`` (I_eff
+of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
 """
 
 from sensor_msgs.msg import JointState
@@ -13,11 +13,20 @@ from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.drive.drive_clock import Command
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Status
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import cdr
-from delta3_pacdrive.ros.wire.interfaces import AT, DC_LINK, MDT, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE_CURRENT
+from delta3_pacdrive.ros.wire.interfaces import (
+    AT,
+    DC_LINK,
+    MDT,
+    MOTOR_CURRENT,
+    MOTOR_SHAFTS,
+    PHASE_CURRENT,
+    TEMPERATURES,
+)
 from delta3_pacdrive.ros.wire.publishers import Output
 
 ACYCLIC = (ACYCLIC_SEC, 0)
@@ -46,6 +55,7 @@ class DriveTelegrams:
         self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
         self._shaft = cdr.codec(telegrams.shafts(drives))
         self._supplied, self._link = parameters.supply.enabled, cdr.codec(telegrams.DC_LINK)
+        self._warms, self._warmth = parameters.thermal.in_drives, cdr.codec(telegrams.temperatures(drives))
         self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))  # takes an encoded AT
         self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(node, self._axis))
         self._phases = Output(node, PHASE_CURRENT, self._axis)
@@ -57,6 +67,8 @@ class DriveTelegrams:
         MOTOR_SHAFTS.subscription(self._node, self._on_shafts, raw=True)
         if self._supplied:
             DC_LINK.subscription(self._node, self._on_dc_link, raw=True)
+        if self._warms:
+            TEMPERATURES.subscription(self._node, self._on_temperatures, raw=True)
 
     def refuse(self, reason: str) -> None:
         """Count and log a rejected telegram."""
@@ -124,19 +136,27 @@ class DriveTelegrams:
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))
 
     def _on_dc_link(self, data: bytes) -> None:
-        bus_drive = self._bus_drive
-        session = bus_drive.slave.session
+        cycle, values = self._of_cycle(self._link, data, 'the state of the DC link')
+        if cycle >= 0:
+            self._bus_drive.clock.take_supply(cycle, values[:3])
+
+    def _on_temperatures(self, data: bytes) -> None:
+        cycle, values = self._of_cycle(self._warmth, data, 'a message of temperatures')
+        if cycle >= 0:
+            self._bus_drive.clock.take_temperatures(cycle, values[self._index :: self._count])
+
+    def _of_cycle(self, codec: TelegramCodec, data: bytes, name: str) -> tuple[int, tuple[float, ...]]:
+        """Return bus cycle and values of a message of the plant; the cycle is -1 if the message is rejected."""
+        session = self._bus_drive.slave.session
         if session == NO_SESSION:
-            return
+            return -1, ()
         try:
-            sec, nanosec, frame, values = self._link.decode(data)
-            telegrams.require_session(frame, session, 'the state of the DC link')
-            cycle = self._cycles.count(sec, nanosec)
+            sec, nanosec, frame, values = codec.decode(data)
+            telegrams.require_session(frame, session, name)
+            return self._cycles.count(sec, nanosec), values
         except TelegramError as error:
             self.refuse(f'{self._axis}: {error}')
-            return
-        if cycle >= 0:
-            bus_drive.clock.take_supply(cycle, values[:3])
+            return -1, ()
 
     # transmission -----------------------------------------------------------------------------------------------------
 

@@ -64,6 +64,8 @@ def report(drive: MC4) -> dict[str, Any]:
         'S-0-0029 MDT losses': int(state['mdt_losses']),
         'S-0-0134 control word': f'{int(state["control"]):04x}',
         'S-0-0135 status word': f'{int(state["status"]):04x}',
+        'S-0-0383 motor temperature': f'{state["winding_degc"]:.1f} degC',
+        'S-0-0384 amplifier temperature': f'{state["sink_degc"]:.1f} degC',
         'overload_s': round(float(state['overload']), 3),
     }
 

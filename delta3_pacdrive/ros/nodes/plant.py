@@ -2,7 +2,7 @@
 
 In: ``axisN/motor_current`` of the drives (currents of a period, brake output), ``sercos/phase``. Out:
 ``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period, and with
-``supply.enabled`` ``plant/dc_link``, one per bus cycle. Timing:
+``supply.enabled`` ``plant/dc_link``, with ``thermal.in_drives`` ``plant/temperatures``, one per bus cycle. Timing:
 ``robot.plant.plant_clock``; bus participation: ``robot.plant.bus_plant``; the cell around the robot: ``plant_cell``.
 """
 
@@ -28,7 +28,7 @@ from delta3_pacdrive.ros.plant_cell import InputRequests, PlantCell
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import cdr
 from delta3_pacdrive.ros.wire.announcements import Participant
-from delta3_pacdrive.ros.wire.interfaces import DC_LINK, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
+from delta3_pacdrive.ros.wire.interfaces import DC_LINK, MOTOR_CURRENT, MOTOR_SHAFTS, PHASE, TEMPERATURES
 
 KIND = 'plant'
 GREETING_S = 0.02
@@ -74,8 +74,12 @@ class PlantNode(RobotNode):
         ]
         self._shafts = cdr.codec(telegrams.shafts(self._drives))
         self._publish = cdr.raw_publish(MOTOR_SHAFTS.publisher(self))
+        self._cycles = Clock(parameters.bus.cycle_time_s)
+        if parameters.thermal.in_drives:
+            self._warmth = cdr.codec(telegrams.temperatures(self._drives))
+            self._publish_temperatures = cdr.raw_publish(TEMPERATURES.publisher(self))
         if parameters.supply.enabled:
-            self._cycles, self._link = Clock(parameters.bus.cycle_time_s), cdr.codec(telegrams.DC_LINK)
+            self._link = cdr.codec(telegrams.DC_LINK)
             self._publish_link = cdr.raw_publish(DC_LINK.publisher(self))
         for index, axis in enumerate(self._drives):
             MOTOR_CURRENT.subscription(self, self._on_current(index), axis, raw=True)
@@ -145,6 +149,10 @@ class PlantNode(RobotNode):
     def send_link(self, cycle: int, values: Sequence[float]) -> None:
         """Send the state of the DC link at the start of a bus cycle."""
         self._publish_link(self._link.encode(self._cycles.stamp(cycle), self._frame, values))
+
+    def send_temperatures(self, cycle: int, values: Sequence[float]) -> None:
+        """Send the temperatures of motors and drives at the start of a bus cycle."""
+        self._publish_temperatures(self._warmth.encode(self._cycles.stamp(cycle), self._frame, values))
 
     def report_rest(self, sentence: str) -> None:
         """Log that the machine is at rest."""

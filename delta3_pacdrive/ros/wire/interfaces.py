@@ -314,6 +314,14 @@ DC_LINK = Topic(
     'every cycle, if the parameter `supply.enabled` is true', 'hhhh', (telegrams.DC_LINK,), one_writer=True,
     recorded=True,
 )
+TEMPERATURES = Topic(
+    'plant/temperatures', JointState, CYCLIC, (PLANT,), (DRIVE,),
+    'temperatures [degC] at the start of a bus cycle: of the windings as positions, of the housings of the motors as '
+    'velocities, of the heat sinks of the drives as the first half of the efforts; in the second half the viscous '
+    'frictions relative to those of cold gears',
+    'every cycle, if the parameter `thermal.in_drives` is true', 'hhhh', (telegrams.temperatures(),), one_writer=True,
+    recorded=True,
+)
 INPUTS = Topic(
     telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
     'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; outputs in the MDT of a '

@@ -11,6 +11,7 @@ from delta3_pacdrive.recording.signals import (
     DERIVED_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
     columns_of,
@@ -35,7 +36,7 @@ DERIVED = {
 }
 # signals whose columns have different units and are shown separately
 APART = {'master': ('distance', 'speed', 'acceleration'), 'jacobian': ('condition', 'speed', 'acceleration')}
-USUAL = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS | DERIVED
+USUAL = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS | THERMAL_SIGNALS | DERIVED
 
 
 def is_shown(name: str) -> bool:

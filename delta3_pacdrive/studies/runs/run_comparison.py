@@ -18,6 +18,7 @@ from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     SIGNALS,
     SUPPLY_SIGNALS,
+    THERMAL_SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
 )
@@ -36,6 +37,7 @@ CLEARLY = 0.1  # advantage in correlation at which axes count as exchanged
 OTHER_SCALE = 1.1  # ratio of two signals that is reported
 NEAR = 0.01  # relative distance to a ratio with a known cause
 QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | SUPPLY_SIGNALS
+QUANTITIES |= THERMAL_SIGNALS
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import TraceError, shown
+from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.energy import Energy, sampled_energy
@@ -18,6 +19,7 @@ from delta3_pacdrive.planning.limits.gear_load import GearFigures, sampled_gear_
 from delta3_pacdrive.planning.limits.temperature import Temperatures, sampled_heat_load
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.motor_heat import heat_constants, torque_share
 
 BEFORE_S = 0.05  # shown before the program starts
 AFTER_S = 0.10  # shown after the program ends
@@ -208,7 +210,15 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
 def temperatures_of_round(trace: Trace, parameters: Parameters) -> Temperatures | None:
     """Return the temperatures of the motors after a shift of the program of a trace; None if it is incomplete."""
     found = _motor_samples(trace, parameters)
-    return None if found is None else sampled_heat_load(*found, parameters).temperatures(parameters)
+    if found is None:
+        return None
+    times, speed, mean, square = found
+    if 'winding_temperature' in trace.signals:
+        first, _ = _rows_of_program(trace, NEEDED, parameters) or (0, 0)
+        winding = trace['winding_temperature'][first : first + len(times)]
+        share = interpreted(torque_share)(winding, heat_constants(parameters).view(np.recarray)[0])
+        mean, square = share * mean, share**2 * square
+    return sampled_heat_load(times, speed, mean, square, parameters).temperatures(parameters)
 
 
 def _motor_samples(trace: Trace, parameters: Parameters) -> tuple[Floats, Floats, Floats, Floats] | None:

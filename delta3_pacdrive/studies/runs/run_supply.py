@@ -16,11 +16,11 @@ import numpy as np
 from delta3_pacdrive.dynamics import gravity, mass_matrix
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Motor, Parameters, numbered, rotary_axis_parameters
-from delta3_pacdrive.planning.limits.energy import PHASES
 from delta3_pacdrive.planning.limits.supply import SupplyLoad, supply_load
 from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import friction_torques
+from delta3_pacdrive.robot.motor_heat import PHASES
 from delta3_pacdrive.studies.runs.run_signals import cycles_of
 
 NEEDED = (*SUPPLY_SIGNALS, 'shaft_speed', 'shaft_position', 'current', 'current_rms')

@@ -212,6 +212,12 @@ _OF_TOOL: list[tuple[dict[str, Any], str]] = [
 ]
 # mains that stay away; only with a model of the supply. Its electronics discharge the DC link within 3 s.
 _OF_SUPPLY = [_Row({'fault': 'supply_dip', 'share': 0.0, 'for_s': 3.5}, '8909')]
+# only of a robot that warms up: over the limit, and over the warning
+_OF_TEMPERATURES = [
+    _Row({'fault': 'motor_hot', 'axis': 'axis2', 'excess_k': 130.0}, '8915', {State.DISABLED: ''}),
+    _Row({'fault': 'motor_hot', 'axis': 'axis1', 'excess_k': 110.0}),
+    _Row({'fault': 'fan_blocked', 'axis': 'axis3', 'for_s': 1.0}),
+]
 # an overload that ends before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
 # Running processes that stop receiving: delta3 up replaces them after a timeout of the bus. Which message a deaf plant,
@@ -274,17 +280,22 @@ def _of_rotary_axis(axis: str) -> list[Case]:
 
 
 def cases(
-    short: bool = False, only: str = '', rotary: Sequence[str] = (), supplied: bool = False
+    short: bool = False,
+    only: str = '',
+    rotary: Sequence[str] = (),
+    supplied: bool = False,
+    warms: bool = False,
 ) -> list[Case]:
     """Return the catalogue or its short form; ``only`` selects cases by text, ``rotary`` are the rotary axes.
 
-    ``supplied``: the supply of the robot has a model.
+    ``supplied``: the supply of the robot has a model. ``warms``: motors and drives warm up.
 
     Raises RunError if there are none.
     """
     everything = [case for row in _ROWS for case in _of_row(row)] + [I2T, *DEAF]
     everything += [case for axis in rotary for case in _of_rotary_axis(axis)]
     everything += [case for row in _OF_SUPPLY if supplied for case in _of_row(row)]
+    everything += [case for row in _OF_TEMPERATURES if warms for case in _of_row(row)]
     lines = (*SHORT, *SHORT_OF_TOOL)
     found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from delta3_pacdrive.robot.faults.fault import KINDS, NODES, SUPPLY_FAULTS, Target
+from delta3_pacdrive.robot.faults.fault import KINDS, NODES, SUPPLY_FAULTS, THERMAL_FAULTS, Target
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 
 RADIUS_M, TOP_M, BOTTOM_M = 0.35, -0.74, -0.92
@@ -16,11 +16,11 @@ DISTURBED = 0.7  # share of programs with faults
 QUICK = ('freeze', 'kill')  # process faults with a short recovery
 PROCESSES = 0.1  # share of process faults
 HANGING = 0.2  # share of freezes that exceed the timeouts of some partners
-# the supply of the soak test's robot has no model
+# supply and temperatures of the soak test's robot have no model
 OF_THE_ROBOT = [
     name
     for name, kind in KINDS.items()
-    if kind.target != Target.NODE and name not in ('clear', *SUPPLY_FAULTS)
+    if kind.target != Target.NODE and name not in ('clear', *SUPPLY_FAULTS, *THERMAL_FAULTS)
 ]
 
 

@@ -13,7 +13,6 @@ from delta3_pacdrive.cli.output import currents_used
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.parameters import config_directory, load
 from delta3_pacdrive.planning.limits.temperature import (
-    BURNT_DEGC,
     HeatLoad,
     Losses,
     Temperatures,
@@ -24,6 +23,7 @@ from delta3_pacdrive.planning.limits.temperature import (
     steady_state,
 )
 from delta3_pacdrive.planning.program import file_reader
+from delta3_pacdrive.robot.motor_heat import BURNT_DEGC
 from delta3_pacdrive.studies.places.planning import evaluation, report
 from delta3_pacdrive.studies.runs.derived_signals import loads_of_round
 

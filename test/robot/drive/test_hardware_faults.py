@@ -189,6 +189,48 @@ def test_a_fault_of_the_dc_link_is_cleared_only_when_its_voltage_is_back(share, 
     assert bench.states[-1] == [DriveState.ENABLED] * 3
 
 
+@pytest.mark.parametrize(
+    ('place', 'limit', 'warning', 'fault'),
+    [
+        (0, 140.0, 130.0, DriveFault.MOTOR_TEMPERATURE),
+        (2, 85.0, 75.0, DriveFault.DRIVE_TEMPERATURE),
+    ],
+)
+def test_a_hot_motor_or_drive_stops_along_the_path_and_is_cleared_below_its_warning(
+    place, limit, warning, fault, robot
+):
+    bench = Bench(robot.replace(thermal__in_drives=True))
+    state = bench.robot.temperatures.bodies['state']
+    names = ('winding', 'housing', 'sink')
+
+    def heat(degc):
+        # the values of the next bus cycle
+        state[names[place]][1] = degc
+        state['felt'] = state['winding']
+
+    bench.run(100)
+    drive, expected = bench.robot.drives[1], DriveWarning[fault.name]
+    for degc, warns in ((warning, False), (math.nextafter(warning, 1e3), True), (limit, True)):
+        heat(degc)
+        bench.run(1)
+        assert (drive.fault, bool(drive.warning & expected)) == (DriveFault.NONE, warns)
+    heat(math.nextafter(limit, 1e3))
+    bench.run(1)
+    assert drive.fault == fault
+    assert bench.states[-1] == [DriveState.ENABLED, DriveState.STOPPING, DriveState.ENABLED]
+    assert bench.status[-1][1] & Status.FOLLOWS_COMMAND
+    bench.run(500, control=CONTROL_ON)
+    heat(math.nextafter(warning, 1e3))
+    bench.run(1, control=CONTROL_ON)
+    assert not drive.clear_fault()
+    heat(warning)
+    bench.run(1, control=CONTROL_ON)
+    assert drive.clear_fault()
+    heat(25.0)
+    bench.run(100, bench.moved[-1])
+    assert bench.states[-1] == [DriveState.ENABLED] * 3
+
+
 def test_a_second_cause_keeps_a_fault_of_another_kind_from_being_cleared(robot):
     bench = Bench(robot).run(100).run(100, np.array([0.0, math.nan, 0.0])).run(5, control=CONTROL_ON)
     drive = bench.robot.drives[1]

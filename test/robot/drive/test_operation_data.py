@@ -84,6 +84,10 @@ ROBOT = {
     'bus.slave_delay_s': 7e-6,
     'bus.jitter_s': 3e-6,
     'control.feed_forward': 'model',
+    'thermal.sink_warning_degc': 76.5,
+    'thermal.sink_limit_degc': 86.5,
+    'thermal.motor_warning_degc': 131.5,
+    'thermal.winding_limit_degc': 141.5,
 }
 # of the drive at that moment
 RECORD = {
@@ -117,6 +121,9 @@ RECORD = {
     'reaction': 1,
     'brake_release': 8,
     'place': 0,
+    'winding_degc': 61.5,
+    'housing_degc': 45.5,
+    'sink_degc': 52.5,
 }
 RPM = math.tau / 60.0
 GEAR = 63.0 / 2.4
@@ -249,6 +256,13 @@ EXPECTED = {
     'P-0-0094': ('bits', 0, NEVER),
     'P-0-0095': ('1', 50, NEVER),
     'P-0-0096': ('A', 0.0625, NEVER),
+    'P-0-0077': ('degC', 45.5, NEVER),
+    'S-0-0383': ('degC', 61.5, NEVER),
+    'S-0-0384': ('degC', 52.5, NEVER),
+    'S-0-0200': ('degC', 76.5, ALWAYS),
+    'S-0-0201': ('degC', 131.5, ALWAYS),
+    'S-0-0203': ('degC', 86.5, NEVER),
+    'S-0-0204': ('degC', 141.5, NEVER),
     'P-0-0081': ('1', 9, NEVER),
     'P-0-0082': ('1', 1, NEVER),
     'P-0-0083': ('1', 8, NEVER),

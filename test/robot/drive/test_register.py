@@ -66,9 +66,12 @@ def drive(robot):
 
 @pytest.fixture
 def filtering(robot):
-    """Return a drive with notch filters and loops that are fast enough for every frequency of the table."""
+    """Return a drive that warms up, with notch filters and loops fast enough for every frequency of the table."""
     notches = {f'drive__notch_{number}_frequency_hz': 200.0 for number in (1, 2)}
-    return Drive(robot.replace(drive__velocity_period_s=robot.drive.current_period_s, **notches))
+    warm = {f'thermal__{name}_limit_degc': 250.0 for name in ('winding', 'sink')} | {
+        'thermal__in_drives': True
+    }
+    return Drive(robot.replace(drive__velocity_period_s=robot.drive.current_period_s, **notches, **warm))
 
 
 def test_numbers_names_and_units_of_the_table():
@@ -121,14 +124,15 @@ def test_every_idn_can_be_read(row, drive):
 @pytest.mark.parametrize('row', WRITABLE, ids=lambda row: format_idn(row.idn))
 def test_every_writable_idn_takes_its_limits_and_nothing_beyond(row, filtering):
     (source,) = row.sources
-    assert source.startswith('drive.')
+    group, _, name = source.partition('.')
+    assert group in ('drive', 'thermal')
     low, high = row.limits
     assert math.isfinite(low)
     assert math.isfinite(high)
     for value in (low, high):
         assert filtering.register.write(row.idn, value, Phase.CP3) == Answer(row.idn, value=value)
         assert filtering.register.read(row.idn).value == value
-        assert getattr(filtering.changes[-1].drive, source.partition('.')[2]) == value
+        assert getattr(getattr(filtering.changes[-1], group), name) == value
     for value, error in [
         (math.nextafter(low, -math.inf), ServiceError.TOO_SMALL),
         (math.nextafter(high, math.inf), ServiceError.TOO_LARGE),
@@ -440,6 +444,8 @@ def test_diagnostics_give_the_fault_by_bit_and_number(fault, drive):
         'OVER_VOLTAGE': (0x0100, 8910),
         'BRAKE': (0x8000, 8911),
         'RESISTOR': (0x8000, 8912),
+        'MOTOR_TEMPERATURE': (0x0004, 8915),
+        'DRIVE_TEMPERATURE': (0x0002, 8917),
         'OVERSPEED': (0x8000, 8901),
         'COMMAND_STEP': (0x8000, 8903),
         'COMMAND_NOT_FINITE': (0x8000, 8904),
@@ -465,6 +471,8 @@ def test_warnings_are_class_2_diagnostics_and_follow_faults(drive):
     for warning, word, message in [
         (DriveWarning.OVERLOAD, 1, 8908),
         (DriveWarning.RESISTOR, 1 << 15, 8913),
+        (DriveWarning.MOTOR_TEMPERATURE, 1 << 2, 8914),
+        (DriveWarning.DRIVE_TEMPERATURE, 1 << 1, 8916),
         (DriveWarning.FOLLOWING_ERROR, 1 << 15, 8132),
         (DriveWarning.OVERLOAD | DriveWarning.FOLLOWING_ERROR, 1 << 15 | 1, 8132),
     ]:

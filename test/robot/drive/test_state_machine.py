@@ -165,6 +165,8 @@ DIAGNOSTICS = {
     'OVER_VOLTAGE': (8910, 8, 'AD'),
     'BRAKE': (8911, 15, 'AD'),
     'RESISTOR': (8912, 15, 'BD2'),
+    'MOTOR_TEMPERATURE': (8915, 2, 'BD2'),
+    'DRIVE_TEMPERATURE': (8917, 1, 'BD2'),
 }
 
 
@@ -185,6 +187,8 @@ def test_every_warning_has_its_number_and_bit():
         'FOLLOWING_ERROR': 8132,
         'OVERLOAD': 8908,
         'RESISTOR': 8913,
+        'MOTOR_TEMPERATURE': 8914,
+        'DRIVE_TEMPERATURE': 8916,
     }
     assert {(row.class_, row.reaction.name) for row in WARNINGS.values()} == {(2, 'NONE')}
     both = DriveWarning.FOLLOWING_ERROR | DriveWarning.OVERLOAD
@@ -194,7 +198,7 @@ def test_every_warning_has_its_number_and_bit():
 
 def test_no_two_diagnostics_share_a_number_or_a_text():
     rows = [*FAULTS.values(), *WARNINGS.values()]
-    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 17
+    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 21
 
 
 def test_the_stronger_reaction_is_the_larger():

@@ -14,6 +14,7 @@ from delta3_pacdrive.robot.faults.fault import KINDS, NAMES, parse
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.dc_link import DcLink
 from delta3_pacdrive.robot.plant.plant import Plant
+from delta3_pacdrive.robot.plant.temperatures import Temperatures
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from injected_faults import LINE, example, run
 
@@ -23,8 +24,9 @@ class Machine:
 
     def __init__(self, robot):
         self.drive, self.plant, self.link = MC4(robot), Plant(robot), DcLink(robot)
+        self.temperatures = Temperatures(robot)
         self.schedule = Schedule()
-        self.nominal = self.drive.state.copy(), self.plant.state.copy(), self.link.state.copy()
+        self.nominal = [record.copy() for record in self._records()]
 
     def add(self, document):
         self.schedule.add(Scheduled.of(parse(document, 'fault'), 0, 1e-3))
@@ -34,10 +36,15 @@ class Machine:
         effects.apply_to_drive(self.drive.state[0], 'axis2', changes, active)
         effects.apply_to_plant(self.plant.state[0], changes, active)
         effects.apply_to_link(self.link.state[0], active)
+        effects.apply_to_temperatures(self.temperatures.bodies, active, DRIVES)
 
     @property
     def is_as_new(self):
-        return (self.drive.state, self.plant.state, self.link.state) == self.nominal
+        return self._records() == self.nominal
+
+    def _records(self):
+        bodies = self.temperatures.bodies['state']
+        return [self.drive.state, self.plant.state, self.link.state, *bodies]
 
     def of_plant(self, name):
         return self.plant.state[name][0].tolist()

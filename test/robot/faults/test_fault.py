@@ -13,6 +13,8 @@ from delta3_pacdrive.robot.faults.fault import KINDS, NAMES, Fault, Target, appl
 from delta3_pacdrive.robot.faults.schedule import Scheduled
 from injected_faults import LINE, example
 
+OF_PLANT = fault_table.SUPPLY_FAULTS | fault_table.THERMAL_FAULTS
+
 
 @pytest.mark.parametrize('kind', NAMES)
 def test_every_kind_is_read_and_written_the_same_way(kind):
@@ -33,8 +35,8 @@ def test_every_kind_applies_to_a_participant(kind):
     if KINDS[kind].target == Target.AXIS:
         assert not applies_to(fault, 'axis1')
     own = [node for node in fault_table.NODES if applies_to(fault, node)]
-    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost', *fault_table.SUPPLY_FAULTS):
-        assert own == ['plant']  # brakes, loads and what is gripped are the machine's
+    if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost') or kind in OF_PLANT:
+        assert own == ['plant']  # brakes, loads, heat and what is gripped are the machine's
     elif kind in fault_table.AT_FAULTS or kind == 'emergency_stop':
         assert own == ['transformation_task']
     elif kind == 'clear':

@@ -54,6 +54,9 @@ class Rig:
     def send_link(self, cycle: int, _: Sequence[float]) -> None:
         raise AssertionError(f'the DC link has no model, but is sent in bus cycle {cycle}')
 
+    def send_temperatures(self, cycle: int, _: Sequence[float]) -> None:
+        raise AssertionError(f'temperatures are constant, but are sent in bus cycle {cycle}')
+
     def report_rest(self, sentence: str) -> None:
         self.rests.append(sentence)
 

@@ -185,7 +185,7 @@ def test_the_steady_friction_has_its_minimum_where_stribecks_curve_has_it(robot)
     speeds = np.linspace(0.01, 40.0, 4000)
 
     def steady(speed):
-        return bristle_friction(bristle_after(0.0, speed, 1e3, m, r), speed, m, r)
+        return bristle_friction(bristle_after(0.0, speed, 1e3, m, r), speed, 1.0, m, r)
 
     found = np.array([steady(w) for w in speeds])
     f_s, f_b, w_st, f_v = 0.10, 0.14, 5.0, 3.0e-4

@@ -49,7 +49,7 @@ OF_RCLPY = {
 BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(ALL_DRIVES)}
 ROTARY = {'rotary__present': True, 'rotary_2__present': True}
 AXES = parameters.load().replace(**ROTARY).axes
-ON_REQUEST = {'motion__start_cycle': -1, 'supply__enabled': True, **ROTARY}
+ON_REQUEST = {'motion__start_cycle': -1, 'supply__enabled': True, 'thermal__in_drives': True, **ROTARY}
 
 
 @pytest.fixture(scope='module')
@@ -255,6 +255,7 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
         *(f'{axis}/motor_current' for axis in ALL_DRIVES),
         'plant/motor_shafts',
         'plant/dc_link',
+        'plant/temperatures',
         'sercos/at/io',
         'sercos/at/belts',
     }
