@@ -59,6 +59,14 @@ class Options(RobotOptions):
         excludes=('--set', '--sweep'),
         formerly='--auto',
     )
+    running: bool = flag(
+        'measure the running robot at its present pose: margins, inertia, resonance and friction of each axis by '
+        'excitation; with --propose gains from the measured responses, with --apply they are written to the drives, '
+        'measured again, and taken back if the margins are not kept',
+        excludes=('--pose', '--payload', '--axis', '--speed', '--amplitude', '--set', '--sweep', '--program',
+                  '--recording', '--excite', '--parameters', '--exchange-period'),
+    )  # fmt: skip
+    take_over: bool = flag('take control even if another operator has it', needs='--running')
     phase_margin: float | None = option(
         'phase margin for --propose (default: 45, and only gains better than the present ones)',
         'DEG',
@@ -120,8 +128,12 @@ class Options(RobotOptions):
             dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
             if dropped:
                 return f'--apply without --propose takes the gains from the output folder: {dropped[0]} has no effect'
-        if self.namespace != '/' and self.apply != ROBOT:
-            return '--namespace requires --apply without a file'
+        if self.namespace != '/' and self.apply != ROBOT and not self.running:
+            return '--namespace requires --running, or --apply without a file'
+        if self.running and self.apply not in (None, ROBOT):
+            return '--running applies gains to the drives: --apply takes no file'
+        if self.running and self.apply == ROBOT and not self.propose:
+            return '--running with --apply requires --propose'
         if self.axis > ARMS and (found := [name for name in OF_ARMS if name in self.given()]):
             return f'{found[0]} applies to the arms only, not to --axis {self.axis}'
         return ''
@@ -131,6 +143,8 @@ def run(options: Options) -> Output:
     """Run the command; return its result."""
     if options.undo is not None:
         return _undo(options)
+    if options.running:
+        return _running(options)
     if options.apply is None:
         return _study(options)
     if options.propose:
@@ -167,6 +181,37 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> Out
         folder,
         then=then,
     )
+
+
+def _running(options: Options) -> Output:
+    from delta3_pacdrive.studies.drives.commissioning import report, run
+    from delta3_pacdrive.studies.drives.commissioning.study import Settings
+
+    settings = settings_of(
+        Settings,
+        options,
+        apply=options.apply is not None,
+        phase_margin_deg=options.phase_margin,
+        gain_margin_db=options.gain_margin,
+    )
+    folder = Path(options.output)
+    return run_study(
+        options,
+        lambda show: run.Study(settings, folder, options.command_line, show, partial(_robot, options)),
+        report.text,
+        folder,
+    )
+
+
+@contextmanager
+def _robot(options: Options) -> 'Iterator[Any]':
+    from delta3_pacdrive.ros.clients.commissioning_client import CommissioningRobot
+    from delta3_pacdrive.ros.clients.robot_client import operating
+
+    with operating(options.namespace) as operator:
+        robot = CommissioningRobot(operator)
+        with robot.exclusive('delta3 tune', options.take_over):
+            yield robot
 
 
 def _require_target(options: Options) -> None:

@@ -77,7 +77,7 @@ class Drive:
         default=0.01,
     )
     excitation_rms_a: float = quantity(
-        'effective value of the excitation of a running drive (P-0-0091)', 1e-3, 2.0, default=0.25
+        'effective value of the excitation of a running drive (P-0-0091)', 1e-3, 2.0, default=0.1
     )
     excitation_time_s: float = quantity(
         'duration of the excitation of a running drive (P-0-0092)', 0.25, 60.0, default=3.0

@@ -82,6 +82,41 @@ def _figures(summary):
     ]
 
 
+def _commissioning_margins(summary):
+    names = ('phase margin [deg]', 'crossover [Hz]', 'gain margin [dB]', 'gain margin at [Hz]')
+    keys = ('phase_margin_deg', 'crossover_hz', 'gain_margin_db', 'gain_margin_hz')
+    return [
+        [
+            ('gains', row['gains']),
+            ('axis', row['axis']),
+            *zip(names, map(row.get, keys), strict=True),
+            ('measured from [Hz]', row['band_low_hz']),
+            ('measured to [Hz]', row['band_high_hz']),
+        ]
+        for row in summary['margins']
+    ]
+
+
+def _commissioning_mechanics(summary):
+    def interval(name, unit, values):
+        return [(f'{name}{end} [{unit}]', values[key]) for end, key in
+                (('', 'value'), (', low', 'low'), (', high', 'high'))]  # fmt: skip
+
+    return [
+        [
+            ('axis', row['axis']),
+            *interval('inertia', 'kg m2', row['inertia_kg_m2']),
+            ('inertia of the model [kg m2]', row['model_inertia_kg_m2']),
+            *((f'{key.removesuffix("_hz").removesuffix("_kg_m2")} [{unit}]', row['gear'] and row['gear'][key])
+              for key, unit in (('rotor_kg_m2', 'kg m2'), ('resonance_hz', 'Hz'), ('antiresonance_hz', 'Hz'))),
+            ('dead time [s]', row['dead_time_s']),
+            *interval('static friction', 'N m', row['static_friction_n_m']),
+            *interval('viscous friction', 'N m s/rad', row['viscous_friction_n_m_s_rad']),
+        ]
+        for row in summary['mechanics']
+    ]  # fmt: skip
+
+
 def _ripple(summary):
     return [
         [
@@ -326,6 +361,8 @@ TABLES = {
     'best.csv': _best,
     'figures.csv': _figures,
     'ripple.csv': _ripple,
+    'margins.csv': _commissioning_margins,
+    'mechanics.csv': _commissioning_mechanics,
     'effect.csv': _effect,
     'workspace.csv': _workspace,
     'sweep.csv': _sweep,

@@ -305,7 +305,18 @@ def signals(summary, columns, name):
     yield from (jacobian_signals if 'trajectories' in summary else compared_signals)(summary, columns, name)
 
 
+def commissioning_responses(summary, columns, name):
+    when = name.removeprefix('responses_').removesuffix('.csv')
+    for row in summary['margins']:
+        if row['gains'] == when and row['crossover_hz'] is not None:
+            trusted = columns[f'usable {row["axis"]} [1]'] > 0.0
+            at, size = columns['frequency [Hz]'][trusted], columns[f'open loop {row["axis"]} [dB]'][trusted]
+            level = float(np.interp(row['crossover_hz'], at, size))
+            yield f'magnitude at the crossover of axis {row["axis"]}', 1.0 + level / 20.0, 1.0, 0.05
+
+
 SERIES = {
+    'responses_': commissioning_responses,
     'runs.csv': sweep_runs,
     'trials.csv': trials,
     'residuals.csv': calibration_residuals,

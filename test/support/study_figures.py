@@ -6,6 +6,7 @@ import numpy as np
 
 import figure_contents as runs
 from delta3_pacdrive.planning.limits.capability import REACHED
+from delta3_pacdrive.studies.drives.commissioning.responses import usable
 from delta3_pacdrive.studies.drives.loops.response import decibels, degrees
 from delta3_pacdrive.studies.fleet.line.report import by_minute
 from delta3_pacdrive.studies.fleet.sweep.effects import effects as effects_of
@@ -299,6 +300,47 @@ def measured_response(one, loop):
         Panel('frequency', at, 'magnitude', *pair[0], title=title),
         Panel('frequency', at, 'phase', *pair[1]),
         Panel('frequency', at, 'coherence', line(own.coherence)),
+    ]
+
+
+def commissioned_loop(name, measured):
+    def magnitude(axes):
+        shown = [one for one in axes.lines if one.get_label().startswith('axis')]
+        assert len(shown) == len(measured.responses)
+        for one, response in zip(shown, measured.responses, strict=True):
+            kept = usable(response.cascade)
+            assert np.allclose(one.get_ydata()[kept], decibels(response.cascade.values[kept]))
+        assert axes.get_ylabel() == 'magnitude [dB]'
+
+    def phase(axes):
+        assert axes.get_ylabel() == 'phase [deg]'
+
+    at = measured.responses[0].cascade.frequencies_hz
+    coherence = [line(one.cascade.coherence) for one in measured.responses]
+    return f'All loops, open at the current set point: {name}', [
+        (magnitude,),
+        (phase,),
+        Panel('frequency', at, 'coherence', *coherence),
+    ]
+
+
+def commissioned_inertia(found):
+    def panel(response, fitted):
+        def check(axes):
+            drawn = {one.get_label(): one for one in axes.lines}
+            kept = response.inertia.trusted
+            points = drawn[f'axis {response.axis + 1}, measured'].get_ydata()
+            assert np.allclose(points, 1e4 * np.abs(response.inertia.values[kept]))
+            hertz, fit = drawn['fit'].get_data()
+            assert np.allclose(fit, 1e4 * np.abs(fitted.curve(hertz)))
+            assert drawn['model'].get_ydata()[0] == 1e4 * fitted.model_inertia_kg_m2
+            assert axes.get_ylabel() == '[kg cm2]'
+
+        return (check,)
+
+    measured = found.measured['before'].responses
+    return 'Inertia at the pose, motor side', [
+        panel(response, fitted) for response, fitted in zip(measured, found.mechanics, strict=True)
     ]
 
 

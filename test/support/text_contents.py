@@ -85,6 +85,18 @@ def _of_optimisation(summary):
             yield key, values + ([] if share is None else [PERCENT * share])
 
 
+def _of_commissioning(summary):
+    yield 'payload', [*summary['pose']['tcp_m'], summary['pose']['payload_kg']]
+    for row in summary['margins']:
+        keys = ('phase_margin_deg', 'crossover_hz', 'gain_margin_db', 'gain_margin_hz')
+        yield f'{row["gains"]} {row["axis"]} ', [row[key] for key in keys if row[key] is not None]
+    for name, row in summary['workspace'].items():
+        yield f'over the workspace {name}', [row['phase_deg'], row['gain_db']]
+    if summary['proposal']:
+        for name, value in summary['proposal']['gains'].items():
+            yield f'{name} ', [summary['proposal']['before'][name], value]
+
+
 def _of_ripple(summary):
     yield 'delay current in the AT all samples jerk > 100 Hz TCP error', None
     yield 'ms peak / rms A peak / rms A rad/s3 max / rms mm', None
@@ -288,6 +300,7 @@ LINES = {
     'one_motor.csv': _of_one_motor,
     'best.csv': _of_optimisation,
     'ripple.csv': _of_ripple,
+    'mechanics.csv': _of_commissioning,
     'table.csv': _of_experiment,
     'condition.csv': _of_jacobian,
     'effect.csv': _of_tuning,

@@ -11,7 +11,7 @@ Aliases of the slower sampling rates are neglected, which costs less than 0.1 dB
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,11 @@ from delta3_pacdrive.studies.drives.loops.response import Complex
 LOWEST_HZ, POINTS = 1.0, 260
 AT_ONCE = 8  # candidates per batch: their arrays fit the cache of a core
 NEVER_DB, NEVER_DEG = 60.0, 180.0  # margins of a loop without the crossing
+
+
+# returns the responses from the current reference to the speed and to the position, shape (loads, F), over F
+# frequencies [Hz]
+PlantResponse = Callable[[Floats], tuple[Complex, Complex]]
 
 
 @dataclass(frozen=True)
@@ -70,24 +75,23 @@ class Least:
 
 
 class Candidates:
-    """Evaluator of candidate gains for a robot with several loads (``shafts``)."""
+    """Evaluator of candidate gains for a robot with several loads, given as shafts or by measured responses."""
 
-    def __init__(self, parameters: Parameters, shafts: Sequence[Shaft]) -> None:
+    def __init__(self, parameters: Parameters, plant: Sequence[Shaft] | PlantResponse) -> None:
         drive = parameters.drive
         self._period = drive.velocity_period_s
         steps = round(self._period / drive.current_period_s)
         self.frequencies_hz: Floats = np.geomspace(LOWEST_HZ, NYQUIST_SHARE / (2.0 * self._period), POINTS)
-        speed, position = [], []
-        for shaft in shafts:
-            plant = linear_cascade(parameters, shaft, Entry.CURRENT_SET_POINT)
-            speed.append(plant.respond(self.frequencies_hz, 'speed_filtered', steps))
-            position.append(plant.respond(self.frequencies_hz, 'read', steps))
+        if callable(plant):
+            speed, position = plant(self.frequencies_hz)
+        else:
+            speed, position = _of_shafts(parameters, plant, self.frequencies_hz, steps)
         back = np.exp(-2j * np.pi * self.frequencies_hz * self._period)
         held = round(drive.position_period_s / self._period)
         self._integrator = self._period / (1.0 - back)
-        self._speed = np.array(speed)
+        self._speed = speed
         # the position loop reads once per period and holds its output
-        self._position = np.array(position) * sum(back**n for n in range(held)) / held
+        self._position = position * sum(back**n for n in range(held)) / held
         # both loops use the reading of the same instant
         self._back = back
         self._filters = [self._response(*coefficients(one, self._period)) for one in notches(drive)]
@@ -124,6 +128,17 @@ class Candidates:
                 gain[k], phase[k] = min(gain[k], db), min(phase[k], degrees)
                 stable[k] &= good
         return Least(gain, phase, stable)
+
+
+def _of_shafts(
+    parameters: Parameters, shafts: Sequence[Shaft], frequencies_hz: Floats, steps: int
+) -> tuple[Complex, Complex]:
+    speed, position = [], []
+    for shaft in shafts:
+        plant = linear_cascade(parameters, shaft, Entry.CURRENT_SET_POINT)
+        speed.append(plant.respond(frequencies_hz, 'speed_filtered', steps))
+        position.append(plant.respond(frequencies_hz, 'read', steps))
+    return np.array(speed), np.array(position)
 
 
 def _worst_of(loops: Complex) -> Iterator[tuple[float, float, bool]]:

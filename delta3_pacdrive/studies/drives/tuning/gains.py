@@ -8,23 +8,21 @@ from delta3_pacdrive.configuration.strict_reader import Errors
 from delta3_pacdrive.errors import ParameterError, TuningError
 from delta3_pacdrive.parameters.records import Drive
 from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER
-from delta3_pacdrive.studies.drives.tuning.proposal import Proposal
+from delta3_pacdrive.studies.drives.tuning.candidates import Gains
 from delta3_pacdrive.studies.framework.provenance import Provenance, os_errors_as
 
 FILE = 'gains.yaml'
 
 
-def write(proposal: Proposal, path: Path, provenance: Provenance) -> None:
-    """Write the gains of a proposal to a parameter file; raises ReportError."""
-    kept = proposal.kept
+def write(gains: Gains, kept: str, path: Path, provenance: Provenance) -> None:
+    """Write proposed gains to a parameter file; ``kept`` states their margins. Raises ReportError."""
     head = [
-        f'Gains that keep {kept.phase_deg:.1f} deg and {kept.gain_db:.1f} dB over the workspace with 0 to '
-        f'{proposal.payload_kg:g} kg.',
+        f'Gains that keep {kept}.',
         f'Use with --parameters ROBOT+{path.name}; for nodes, with --params-file after the file of the robot.',
         *(f'{name}: {text}' for name, text in provenance.lines().items()),
     ]
     with os_errors_as(f'cannot write {path}'):
-        parameter_file.write({'drive': proposal.gains.values()}, path, head)
+        parameter_file.write({'drive': gains.values()}, path, head)
 
 
 def read(folder: Path) -> dict[str, float]:

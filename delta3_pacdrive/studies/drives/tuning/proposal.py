@@ -33,7 +33,14 @@ from delta3_pacdrive.studies.drives.loops.analysis import (
     linear_loop,
 )
 from delta3_pacdrive.studies.drives.loops.load import Gear, Load, extremes, gear_of
-from delta3_pacdrive.studies.drives.tuning.candidates import NEVER_DB, NEVER_DEG, Candidates, Gains
+from delta3_pacdrive.studies.drives.tuning.candidates import (
+    NEVER_DB,
+    NEVER_DEG,
+    Candidates,
+    Gains,
+    Least,
+    PlantResponse,
+)
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 PHASE_DEG, GAIN_DB = (10.0, 80.0), (1.0, 20.0)  # allowed targets
@@ -130,7 +137,11 @@ def propose(
         for shaft in (exchanged_shaft(parameters, load, speed_rad_s) for load in loads)
         if shaft not in shafts
     ]
-    search = _Search(Candidates(parameters, shafts), _ranges(parameters, loads), on_progress)
+    inertia = math.sqrt(loads[0].inertia_kg_m2 * loads[-1].inertia_kg_m2)
+    gear = gear_of(parameters)
+    resonance = None if gear is None else _resonance_hz(gear, inertia)
+    ranges = _ranges(parameters, inertia, resonance)
+    search = _Search(Candidates(parameters, shafts), ranges, on_progress)
     aim, around = targets, None
     best: tuple[Gains, Kept] | None = None
     for number in range(ROUNDS):
@@ -161,6 +172,53 @@ def propose(
             if kept.stable
             else 'the nearest are not stable'
         )
+    )
+
+
+def propose_measured(
+    parameters: Parameters,
+    targets: Targets,
+    plant: PlantResponse,
+    inertia_kg_m2: float,
+    resonance_hz: float | None,
+    *,
+    on_progress: OnProgress = silent,
+) -> tuple[Gains, Least]:
+    """Return the gains with the largest K_Ivel K_Ppos that keep the margins with measured plants, and their margins.
+
+    Parameters
+    ----------
+    parameters
+        Periods of the loops, and the second notch filter, which stays.
+    targets
+        Required margins.
+    plant
+        Measured responses of the axes.
+    inertia_kg_m2
+        Inertia, motor side, and ``resonance_hz`` of an elastic gear (None: rigid), for the ranges of the search.
+
+    Raises
+    ------
+    TuningError
+        No gains keep the margins; the message contains the nearest ones.
+
+    """
+    candidates = Candidates(parameters, plant)
+    search = _Search(candidates, _ranges(parameters, inertia_kg_m2, resonance_hz), on_progress)
+    aim = Targets(
+        min(targets.phase_deg + BEYOND_DEG, PHASE_DEG[1]), min(targets.gain_db + BEYOND_DB, GAIN_DB[1])
+    )
+    gains = search.gains(search.best(aim, None, 0))
+    least = candidates.least([gains])
+    phase, gain, stable = float(least.phase_deg[0]), float(least.gain_db[0]), bool(least.stable[0])
+    if stable and phase >= targets.phase_deg and gain >= targets.gain_db:
+        return gains, least
+    nearest = (
+        f'the nearest keep {_apart(phase, targets.phase_deg)} deg and {_apart(gain, targets.gain_db)} dB'
+    )
+    raise TuningError(
+        f'no gains keep {targets.phase_deg:g} deg and {targets.gain_db:g} dB with the measured axes: '
+        + (nearest if stable else 'the nearest are not stable')
     )
 
 
@@ -207,15 +265,15 @@ def _loops(parameters: Parameters, load: Load, speed_rad_s: float) -> list[LoopR
     return found
 
 
-def _ranges(parameters: Parameters, loads: Sequence[Load]) -> list[tuple[float, float]]:
+def _ranges(
+    parameters: Parameters, inertia_kg_m2: float, resonance_hz: float | None
+) -> list[tuple[float, float]]:
     """Return the search range of each dimension."""
-    inertia = math.sqrt(loads[0].inertia_kg_m2 * loads[-1].inertia_kg_m2)
-    per_gain = parameters.motor.torque_constant_n_m_a / inertia
+    per_gain = parameters.motor.torque_constant_n_m_a / inertia_kg_m2
     ranges = [(CROSSOVER_RAD_S[0] / per_gain, CROSSOVER_RAD_S[1] / per_gain), RATIO_1_S, POSITION_1_S]
-    if (gear := gear_of(parameters)) is not None:
-        resonance = _resonance_hz(gear, inertia)
-        high = min(NOTCH_SHARE[1] * resonance, 0.39 / parameters.drive.velocity_period_s)
-        ranges += [(max(NOTCH_SHARE[0] * resonance, 10.0), high), NOTCH_DAMPING]
+    if resonance_hz is not None:
+        high = min(NOTCH_SHARE[1] * resonance_hz, 0.39 / parameters.drive.velocity_period_s)
+        ranges += [(max(NOTCH_SHARE[0] * resonance_hz, 10.0), high), NOTCH_DAMPING]
     return ranges
 
 
