@@ -13,6 +13,7 @@ from delta3_pacdrive.cli.command import (
     flag,
     option,
 )
+from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.output import Output, stdout_reserved, with_provenance
 from delta3_pacdrive.cli.reference import cell_digest, cell_of
 from delta3_pacdrive.cli.studies import written
@@ -42,6 +43,11 @@ class Options(JsonOptions):
         'predict the residual vibration of the TCP after each shaped move, with and without shaping, by simulation of '
         'the built robot'
     )
+    ambient: float | None = option(
+        'temperature of the surroundings [degC] for the temperatures of the motors, instead of thermal.ambient_degc',
+        'DEGC',
+        type=number_within(-40.0, 80.0, 'degC'),
+    )
     limits: bool = flag(
         'with --json: the used share of every limit for each move, not only the active one', needs='--json'
     )
@@ -53,6 +59,8 @@ class Options(JsonOptions):
             return f'{NO_PROGRAM} script'
         if self.vibration and script:
             return '--vibration requires a program: a script is planned while it runs'
+        if self.ambient is not None and script:
+            return '--ambient requires a program: a script is planned while it runs'
         if self.output is not None and script:
             return '--output requires a program: a script is planned while it runs'
         return ''
@@ -73,6 +81,8 @@ def run(options: Options) -> Output:
     from delta3_pacdrive.studies.runs.inputs import with_digests
 
     robot = core.load(options.parameters)
+    if options.ambient is not None:
+        robot = robot.replace(thermal__ambient_degc=options.ambient)
     if options.vibration and robot.control.shaping == core.UNSHAPED:
         raise ParameterError(
             '--vibration compares shaped moves with unshaped ones, but control.shaping is none'

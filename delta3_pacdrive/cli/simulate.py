@@ -73,6 +73,12 @@ class Options(ReferenceOptions, ScopeOptions):
         'FILE',
         excludes=('--one-motor',),
     )
+    ambient: float | None = option(
+        'temperature of the surroundings [degC] for the temperatures of the motors, instead of thermal.ambient_degc',
+        'DEGC',
+        excludes=('--one-motor',),
+        type=number_within(-40.0, 80.0, 'degC'),
+    )
     one_motor: bool = flag(
         'simulate one MC-4 with one motor and a load instead of the robot, with the motion of one arm: figures 8.2 to '
         '8.4'
@@ -217,6 +223,8 @@ def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, P
         robot = core.load(options.parameters)
         if options.exchange_period is not None:
             robot = robot.replace(bus__exchange_period_s=options.exchange_period)
+        if options.ambient is not None:
+            robot = robot.replace(thermal__ambient_degc=options.ambient)
         if script.is_script(chosen.program):
             return chosen, robot, script.load(chosen.program)
         outputs = OWN if cell is None else cell.output_names

@@ -360,6 +360,16 @@ def _over(limits: TurnLimits, slope: float) -> Limits:
     return Limits(limits.speed_rad_s / slope, limits.acceleration_rad_s2 / slope, limits.jerk_rad_s3 / slope)
 
 
+def turn_samples(move: Move, number: int, parameters: Parameters) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return times [s], motor speeds [rad/s] and currents for friction and motion [A] of a rotary axis in a move."""
+    rotary, limits = parameters.rotary_axes[number], TurnLimits.of(parameters, move.payload_kg)[number]
+    times = np.linspace(0.0, move.duration_s * (1.0 - BEFORE), SAMPLES)
+    _, turn = turn_motion(times, move.master, move.turns[number])
+    speed, moving = rotary.gear_ratio * turn[:, 1], limits.current_per_acceleration * turn[:, 2]
+    friction = rotary.static_friction_n_m * np.sign(speed) + rotary.viscous_friction_n_m_s_rad * speed
+    return times, speed, friction / rotary.torque_constant_n_m_a, moving
+
+
 def turn_load(move: Move, number: int, parameters: Parameters) -> ThermalLoad:
     """Return the load of the motor of rotary axis ``number`` during a move, with the payload at its start."""
     none, time_s, rows = np.zeros(1), move.duration_s, move.turns[number]
@@ -369,12 +379,7 @@ def turn_load(move: Move, number: int, parameters: Parameters) -> ThermalLoad:
         return ThermalLoad(
             none, none, none, duration_s=moves_s, dwelling=none, dwell_s=dwell_s, override_max=OVERRIDE_MAX
         )
-    rotary, limits = parameters.rotary_axes[number], TurnLimits.of(parameters, move.payload_kg)[number]
-    times = np.linspace(0.0, time_s * (1.0 - BEFORE), SAMPLES)
-    _, turn = turn_motion(times, move.master, rows)
-    speed, moving = rotary.gear_ratio * turn[:, 1], limits.current_per_acceleration * turn[:, 2]
-    friction = rotary.static_friction_n_m * np.sign(speed) + rotary.viscous_friction_n_m_s_rad * speed
-    standing = friction / rotary.torque_constant_n_m_a
+    _, _, standing, moving = turn_samples(move, number, parameters)
     mean = [
         np.array([time_s * float(values.mean())]) for values in (moving**2, moving * standing, standing**2)
     ]

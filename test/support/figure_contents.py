@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from delta3_pacdrive.planning.limits.temperature import continuous_torque
 from delta3_pacdrive.recording.signals import columns_of
 from delta3_pacdrive.recording.tables import quantities
 from delta3_pacdrive.studies.runs.run_signals import ZOOM_S, busiest, derivatives, program_part, slope
@@ -476,6 +477,34 @@ def motors(found, robot):
         curves = [line(values[:, i], f'axis {i + 1}') for i in range(3)]
         panels.append(Panel(START, s.time_s, name, *curves, *near))
     return 'Arms and motors', panels
+
+
+def continuous(found, robot):
+    s = found.samples
+    speed, torque = (np.abs(one) for one in (s.motor_speed_rad_s, s.motor_torque_n_m))
+    weights = np.gradient(s.time_s)
+
+    def panel(axes):
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ('motor speed [rpm]', 'motor torque [N m]')
+        assert axes.get_title('left') == f'at {robot.thermal.ambient_degc:g} degC, including friction'
+        curve, *motors = axes.lines
+        rpm = curve.get_xdata()
+        # the end of the curve is the largest speed, where rounding must not decide
+        expected = continuous_torque(rpm[:-1] * math.tau / 60.0, robot)
+        np.testing.assert_allclose(curve.get_ydata()[:-1], expected, rtol=1e-9)
+        for i in range(3):
+            samples, mean = motors[2 * i : 2 * i + 2]
+            np.testing.assert_allclose(samples.get_xdata(), speed[:, i] * 60.0 / math.tau, rtol=1e-12)
+            np.testing.assert_array_equal(samples.get_ydata(), torque[:, i])
+            expected = np.sqrt(
+                np.average(np.stack([speed[:, i], torque[:, i]]) ** 2, axis=1, weights=weights)
+            )
+            found_rms = np.concatenate([mean.get_xdata() * math.tau / 60.0, mean.get_ydata()])
+            np.testing.assert_allclose(found_rms, expected, rtol=1e-9)
+        labels = [one.get_label() for one in axes.lines if not one.get_label().startswith('_')]
+        assert labels == ['S1', *(f'axis {i + 1}, rms' for i in range(3))]
+
+    return 'Continuous torque', [panel]
 
 
 def limits(found):

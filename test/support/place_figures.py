@@ -451,6 +451,7 @@ CONTENTS = {
     'places.planning.figures.over_path': runs.over_path,
     'places.planning.figures.motors': runs.motors,
     'places.planning.figures.limits': runs.limits,
+    'places.planning.figures.continuous': runs.continuous,
     'fleet.sweep.figures.distribution_figure': studies.distributions,
     'fleet.sweep.figures.effect_figure': studies.sweep_effects,
     'fleet.sweep.figures.scatter_figure': studies.scatter,

@@ -17,7 +17,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import ARMS, Motor, Parameters, Thermal
+from delta3_pacdrive.parameters import Motor, Parameters, Thermal
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
 from delta3_pacdrive.robot.motor_heat import BURNT_DEGC, copper_loss, fill_shift, heat_constants
 
@@ -116,11 +116,13 @@ def _time(hours: float) -> str:
 
 @dataclass(frozen=True)
 class HeatLoad:
-    """Integrals over a motion from which the losses of the three motors follow."""
+    """Integrals over a motion from which the losses of equal motors follow: those of the arms, or that of an axis."""
 
-    currents_a2_s: Floats  # of the products of ``REST``, ``VISCOUS`` and ``MOVING`` current, shape (3, 3, 3)
-    iron_s: Floats  # of (|w|/w_max)^n, (3,)
-    dry_j: Floats  # friction losses, (3,)
+    currents_a2_s: (
+        Floats  # of the products of ``REST``, ``VISCOUS`` and ``MOVING`` current, shape (motors, 3, 3)
+    )
+    iron_s: Floats  # of (|w|/w_max)^n, (motors,)
+    dry_j: Floats  # friction losses, (motors,)
     viscous_j: Floats
     duration_s: float
 
@@ -180,7 +182,7 @@ class HeatLoad:
         thermal = parameters.thermal
         return all(
             steady_state(self.losses(n, thermal, override), parameters)[0] <= thermal.winding_limit_degc
-            for n in range(ARMS)
+            for n in range(len(self.iron_s))
         )
 
     def temperatures(self, parameters: Parameters, override_max: float | None = None) -> Temperatures:
@@ -188,52 +190,97 @@ class HeatLoad:
 
         ``override_max`` is the largest override of the motion; None if it cannot be run faster or slower.
         """
-        thermal = parameters.thermal
-        losses = [self.losses(n, thermal) for n in range(ARMS)]
-        courses = [course(one, parameters) for one in losses]
-        steady = [steady_state(one, parameters)[0] for one in losses]
-        permanent = None if override_max is None else self.override_permanent(parameters, override_max)
-        return Temperatures(
-            ambient_degc=thermal.ambient_degc,
-            limit_degc=thermal.winding_limit_degc,
-            shift_h=thermal.shift_h,
-            winding_degc=tuple(float(one.winding_degc[-1]) for one in courses),
-            housing_degc=tuple(float(one.housing_degc[-1]) for one in courses),
-            limit_reached_h=tuple(
-                None if one.limit_reached_s is None else one.limit_reached_s / HOUR_S for one in courses
-            ),
-            steady_winding_degc=tuple(one if math.isfinite(one) else None for one in steady),
-            override_permanent=permanent,
-        )
+        return temperatures([(self, parameters)], override_max)
+
+
+def temperatures(
+    loads: Sequence[tuple[HeatLoad, Parameters]], override_max: float | None = None
+) -> Temperatures:
+    """Return the temperatures of several kinds of motors as ``HeatLoad.temperatures``, each with its parameters."""
+    thermal = loads[0][1].thermal
+    motors = [(load.losses(n, own.thermal), own) for load, own in loads for n in range(len(load.iron_s))]
+    courses = [course(one, own) for one, own in motors]
+    steady = [steady_state(one, own)[0] for one, own in motors]
+    permanent = None
+    if override_max is not None:
+        permanent = min(load.override_permanent(own, override_max) for load, own in loads)
+    return Temperatures(
+        ambient_degc=thermal.ambient_degc,
+        limit_degc=thermal.winding_limit_degc,
+        shift_h=thermal.shift_h,
+        winding_degc=tuple(float(one.winding_degc[-1]) for one in courses),
+        housing_degc=tuple(float(one.housing_degc[-1]) for one in courses),
+        limit_reached_h=tuple(
+            None if one.limit_reached_s is None else one.limit_reached_s / HOUR_S for one in courses
+        ),
+        steady_winding_degc=tuple(one if math.isfinite(one) else None for one in steady),
+        override_permanent=permanent,
+    )
+
+
+def no_heat_load(motors: int) -> HeatLoad:
+    """Return the load of a motion without a duration."""
+    none = np.zeros(motors)
+    return HeatLoad(np.zeros((motors, 3, 3)), none, none, none, 0.0)
 
 
 def heat_load(d: PathDynamics, parameters: Parameters) -> HeatLoad:
     """Integrate the load of a timed motion over its samples."""
-    viscous = _viscous_current(d.motor_speed_rad_s, parameters.motor)
-    parts = np.stack([d.standing_current_a - viscous, viscous, d.motor_current_a - d.standing_current_a])
+    return motion_heat_load(
+        d.time_s, d.motor_speed_rad_s, d.standing_current_a, d.motor_current_a, parameters=parameters
+    )
+
+
+def motion_heat_load(
+    time_s: Floats, speed_rad_s: Floats, standing_a: Floats, current_a: Floats, *, parameters: Parameters
+) -> HeatLoad:
+    """Integrate the load of equal motors over the samples of a motion.
+
+    Parameters
+    ----------
+    time_s
+        Times of the samples [s], shape (n,).
+    speed_rad_s, standing_a, current_a
+        Motor speeds, currents for weight and friction, and whole currents, (n, motors) each.
+    parameters
+        Parameters of a robot with these motors in its arms.
+
+    """
+    viscous = _viscous_current(speed_rad_s, parameters.motor)
+    parts = np.stack([standing_a - viscous, viscous, current_a - standing_a])
     products = np.einsum('ink,jnk->nkij', parts, parts)
-    return _integrated(d.time_s, d.motor_speed_rad_s, products, parameters)
+    return _integrated(time_s, speed_rad_s, products, parameters)
 
 
 def sampled_heat_load(
-    time_s: Floats, speed_rad_s: Floats, current_a: Floats, square_a2: Floats, parameters: Parameters
+    time_s: Floats,
+    speed_rad_s: Floats,
+    current_a: Floats,
+    square_a2: Floats,
+    parameters: Parameters,
+    *,
+    standing_a: Floats | None = None,
 ) -> HeatLoad:
-    """Integrate the load of an executed motion, whose currents do not show the part of the motion.
+    """Integrate the load of an executed motion.
 
     Parameters
     ----------
     time_s
         Times of the samples [s], shape (n,).
     speed_rad_s, current_a, square_a2
-        Motor speeds, currents, and mean squares of the currents, (n, 3) each.
+        Motor speeds, currents, and mean squares of the currents, (n, motors) each.
     parameters
-        The parameters of a robot.
+        Parameters of a robot with these motors in its arms.
+    standing_a
+        Currents for weight and friction, shape (n, motors); None: the load is valid for the executed speed only.
 
     """
     viscous = _viscous_current(speed_rad_s, parameters.motor)
-    parts = np.stack([current_a - viscous, viscous, np.zeros_like(viscous)])
+    standing = current_a if standing_a is None else standing_a
+    parts = np.stack([standing - viscous, viscous, current_a - standing])
     products = np.einsum('ink,jnk->nkij', parts, parts)
-    products[:, :, REST, REST] += square_a2 - current_a**2
+    rest = REST if standing_a is None else MOVING
+    products[:, :, rest, rest] += square_a2 - current_a**2
     return _integrated(time_s, speed_rad_s, products, parameters)
 
 

@@ -10,15 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.dynamics import gravity
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Motor, Parameters, numbered, rotary_axis_parameters
 from delta3_pacdrive.planning.limits.energy import Energy, sampled_energy
 from delta3_pacdrive.planning.limits.gear_load import GearFigures, sampled_gear_load
-from delta3_pacdrive.planning.limits.temperature import Temperatures, sampled_heat_load
+from delta3_pacdrive.planning.limits.temperature import Temperatures, sampled_heat_load, temperatures
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.motor import friction_torques
 from delta3_pacdrive.robot.motor_heat import heat_constants, torque_share
 
 BEFORE_S = 0.05  # shown before the program starts
@@ -208,17 +210,61 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
 
 
 def temperatures_of_round(trace: Trace, parameters: Parameters) -> Temperatures | None:
-    """Return the temperatures of the motors after a shift of the program of a trace; None if it is incomplete."""
+    """Return the temperatures of the motors after a shift of the program of a trace; None if it is incomplete.
+
+    The permanent override is at most that of the run.
+    """
     found = _motor_samples(trace, parameters)
     if found is None:
         return None
     times, speed, mean, square = found
+    first, last = _rows_of_program(trace, NEEDED, parameters) or (0, 0)
     if 'winding_temperature' in trace.signals:
-        first, _ = _rows_of_program(trace, NEEDED, parameters) or (0, 0)
-        winding = trace['winding_temperature'][first : first + len(times)]
+        winding = trace['winding_temperature'][first:last]
         share = interpreted(torque_share)(winding, heat_constants(parameters).view(np.recarray)[0])
         mean, square = share * mean, share**2 * square
-    return sampled_heat_load(times, speed, mean, square, parameters).temperatures(parameters)
+    standing = None
+    if 'shaft_position' in trace.signals:
+        standing = _standing_current(trace, parameters, float(times[0]))[first:last] + _friction_current(
+            speed, parameters.motor
+        )
+    arms = sampled_heat_load(times, speed, mean, square, parameters, standing_a=standing)
+    loads = [(arms, parameters)]
+    for number in range(len(parameters.rotary_axes)):
+        names = [numbered(name, number) for name in ('turn_speed', 'turn_current')]
+        if all(name in trace.signals for name in names):
+            own = rotary_axis_parameters(parameters, number)
+            turning, current = (trace[name][first:last] for name in names)
+            turning = own.dynamics.gear_ratio * turning
+            standing = _friction_current(turning, own.motor)
+            load = sampled_heat_load(times, turning, current, current**2, own, standing_a=standing)
+            loads.append((load, own))
+    return temperatures(loads, None if standing is None else 1.0)
+
+
+def _friction_current(speed_rad_s: Floats, motor: Motor) -> Floats:
+    """Return the currents [A] for the friction at motor speeds, same shape."""
+    return friction_torques(speed_rad_s, motor) / motor.torque_constant_n_m_a
+
+
+def _standing_current(trace: Trace, parameters: Parameters, start_s: float) -> Floats:
+    """Return the currents [A] of the arms for the weight, with a program from ``start_s`` [s] on, shape (n, 3)."""
+    ratio = parameters.dynamics.gear_ratio
+    angles, payloads = trace['shaft_position'] / ratio, payloads_kg(trace, parameters, start_s)
+    torque = np.empty_like(angles)
+    for payload in np.unique(payloads):
+        own = payloads == payload
+        torque[own] = gravity(angles[own], parameters.replace(dynamics__payload_mass_kg=float(payload)))
+    return torque / ratio / parameters.motor.torque_constant_n_m_a
+
+
+def payloads_kg(trace: Trace, parameters: Parameters, start_s: float) -> Floats:
+    """Return the payload in each row of a trace, as its program changes it from ``start_s`` [s] on, shape (n,)."""
+    payloads = np.full(len(trace.time_s), parameters.dynamics.payload_mass_kg)
+    for change in trace.meta.get('outputs', ()):
+        if change['payload_kg'] is not None:
+            payloads[trace.time_s - start_s >= change['time_s']] = change['payload_kg']
+    return payloads
 
 
 def _motor_samples(trace: Trace, parameters: Parameters) -> tuple[Floats, Floats, Floats, Floats] | None:

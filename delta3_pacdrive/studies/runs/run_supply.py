@@ -21,7 +21,7 @@ from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import friction_torques
 from delta3_pacdrive.robot.motor_heat import PHASES
-from delta3_pacdrive.studies.runs.run_signals import cycles_of
+from delta3_pacdrive.studies.runs.run_signals import cycles_of, payloads_kg
 
 NEEDED = (*SUPPLY_SIGNALS, 'shaft_speed', 'shaft_position', 'current', 'current_rms')
 
@@ -134,11 +134,7 @@ def _friction_j(speed: Floats, time_s: Floats, motor: Motor) -> float:
 def _lifting_j(part: Trace, parameters: Parameters) -> float:
     """Return the work [J] against gravity: the integral of G over the arm angles, with the payloads of the program."""
     angles = part['shaft_position'] / parameters.dynamics.gear_ratio
-    payloads = np.full(len(angles), parameters.dynamics.payload_mass_kg)
-    start_s = part.time_s[0]
-    for change in part.meta.get('outputs', ()):
-        if change['payload_kg'] is not None:
-            payloads[part.time_s - start_s >= change['time_s']] = change['payload_kg']
+    payloads = payloads_kg(part, parameters, float(part.time_s[0]))
     work = 0.0
     for payload in np.unique(payloads):
         torque = gravity(angles, parameters.replace(dynamics__payload_mass_kg=float(payload)))

@@ -1,5 +1,6 @@
 """Tests of the temperatures of the motors: two bodies, copper and magnets, S1 curve, and plan against run."""
 
+import json
 from dataclasses import asdict
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from delta3_pacdrive import simulation
+from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.cli.output import currents_used
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.parameters import config_directory, load
@@ -262,7 +264,7 @@ def test_plan_and_run_answer_alike(packaging, robot):
     for name in ('winding_degc', 'housing_degc', 'steady_winding_degc'):
         expected = getattr(planned.temperature, name)
         assert getattr(found, name) == pytest.approx(expected, abs=2.0)  # the drives smooth the peaks
-    assert found.override_permanent is None
+    assert found.override_permanent == 1.0  # at most that of the run
     square = [of.rest_a2 + 2.0 * of.mixed_a2 + of.viscous_a2 for of in _losses(packaging, robot)]
     assert np.sqrt(square) == pytest.approx(planned.planned.rms_current_a, rel=5e-3)
 
@@ -328,3 +330,54 @@ def test_the_surroundings_are_cooler_than_the_limit(ambient, limit, valid, robot
         return
     with pytest.raises(ParameterError, match=r'thermal.ambient_degc is 60, but must be less than'):
         robot.replaced(values)
+
+
+TURN = {
+    'start_m': [0.0, 0.0, -0.78],
+    'repeat': 20,
+    'moves': [
+        {'move_l': {'to_m': [0.1, 0.0, -0.78], 'turn_deg': 180.0}},
+        {'move_l': {'to_m': [0.0, 0.0, -0.78], 'turn_deg': 0.0}},
+    ],
+}
+
+
+def test_plan_and_run_answer_alike_for_the_motor_of_a_rotary_axis(robot):
+    turning = robot.replace(rotary__present=True)
+    program = file_reader.parse(TURN, turning.motion)
+    planned = evaluation.of_program(program, turning).temperature
+    found = Temperatures(**loads_of_round(simulation.run(program, turning), turning, 20)['temperature'])
+    assert len(planned.winding_degc) == len(found.winding_degc) == 4
+    assert planned.winding_degc[3] > 26.0
+    assert found.winding_degc == pytest.approx(planned.winding_degc, abs=2.0)
+    assert planned.hottest == int(np.argmax(planned.winding_degc))
+
+
+def test_a_rotary_axis_limits_the_permanent_override(robot):
+    weak = robot.replace(rotary__present=True, rotary__tool_inertia_kg_m2=0.08, thermal__ambient_degc=60.0)
+    found = evaluation.of_program(file_reader.parse(TURN, weak.motion), weak).temperature
+    assert found.hottest == 3
+    assert found.override_permanent < 1.0
+    assert found.warnings()[0].startswith('the winding of motor 4 reaches 140 degC')
+
+
+def test_the_permanent_override_of_a_run_is_that_of_its_plan(robot, packaging):
+    hot = robot.replace(thermal__ambient_degc=75.0, thermal__winding_limit_degc=100.0)
+    planned = evaluation.of_program(packaging, hot).temperature.override_permanent
+    trace = simulation.run(packaging, hot)
+    found = loads_of_round(trace, hot, packaging.repeat)['temperature']['override_permanent']
+    assert 0.5 < planned < 0.95
+    assert found == pytest.approx(planned, abs=0.02)
+
+
+@pytest.mark.parametrize('command', ['plan', 'simulate'])
+def test_ambient_is_the_temperature_of_the_surroundings(command, capsys):
+    arguments = [command, 'experiment1', '--ambient', '35', '--json']
+    assert main(arguments) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['temperature']['ambient_degc'] == 35.0
+    assert document['temperature']['winding_degc'][0] > 35.0
+    for bad in ('-40.1', '80.1', 'warm'):
+        with pytest.raises(SystemExit):
+            main([command, 'experiment1', '--ambient', bad])
+        assert 'between -40 and 80 degC' in capsys.readouterr().err or bad == 'warm'

@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.limits.energy import Energy, energy
 from delta3_pacdrive.planning.limits.gear_load import GearLoad, gear_load
 from delta3_pacdrive.planning.limits.joint_forces import JointForces, joint_forces
 from delta3_pacdrive.planning.limits.limits import arm_bounds, workspace_bounds
 from delta3_pacdrive.planning.limits.supply import load_of_motion
-from delta3_pacdrive.planning.limits.temperature import HeatLoad, heat_load
+from delta3_pacdrive.planning.limits.temperature import (
+    HeatLoad,
+    heat_load,
+    motion_heat_load,
+    no_heat_load,
+    temperatures,
+)
 from delta3_pacdrive.planning.paths.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.planning.paths.path_dynamics import (
     PARALLEL,
@@ -32,7 +38,7 @@ from delta3_pacdrive.planning.paths.path_dynamics import (
 from delta3_pacdrive.planning.paths.virtual_master import extremes, master_at_distances, sample_master
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned, plan
-from delta3_pacdrive.planning.rotating_move import TurnLimits, turn_motion, turn_violation
+from delta3_pacdrive.planning.rotating_move import TurnLimits, turn_motion, turn_samples, turn_violation
 from delta3_pacdrive.planning.timing.move_grid import limits_at
 from delta3_pacdrive.studies.framework.columns import key_of_unit
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
@@ -99,13 +105,15 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         time_s, current_a, speed_rad_s = (np.concatenate(one) for one in zip(*motions, strict=True))
         load = load_of_motion(time_s, current_a, speed_rad_s, parameters)
     of_round = _of_round(planned, loads, parameters)
+    heats = [(of_round.heat, parameters)]
+    heats += [(one, rotary_axis_parameters(parameters, n)) for n, one in enumerate(of_round.turns)]
     return PlanStudy(
         planned,
         _joined(pieces),
         tuple(rows),
         of_round.energy,
         of_round.gears,
-        of_round.heat.temperatures(parameters, planned.override_max),
+        temperatures(heats, planned.override_max),
         supply=load,
     )
 
@@ -116,26 +124,41 @@ class _Loads(NamedTuple):
     energy: Energy
     gears: GearLoad
     heat: HeatLoad
+    turns: tuple[HeatLoad, ...]  # of the rotary axes
 
     def plus(self, other: '_Loads') -> '_Loads':
         """Return the loads of both motions."""
-        return _Loads(self.energy + other.energy, self.gears + other.gears, self.heat + other.heat)
+        turns = tuple(one + more for one, more in zip(self.turns, other.turns, strict=True))
+        return _Loads(self.energy + other.energy, self.gears + other.gears, self.heat + other.heat, turns)
 
     def times(self, count: float) -> '_Loads':
         """Return the loads of ``count`` repetitions."""
-        return _Loads(self.energy.times(count), self.gears.times(count), self.heat.times(count))
+        turns = tuple(one.times(count) for one in self.turns)
+        return _Loads(self.energy.times(count), self.gears.times(count), self.heat.times(count), turns)
 
 
 def _loads(part: _Part, parameters: Parameters) -> _Loads:
     d = part.dynamics
-    return _Loads(energy(d, parameters), gear_load(d, parameters), heat_load(d, parameters))
+    turns = tuple(_turn_heat(part.move, number, parameters) for number in range(len(parameters.rotary_axes)))
+    return _Loads(energy(d, parameters), gear_load(d, parameters), heat_load(d, parameters), turns)
+
+
+def _turn_heat(move: Move, number: int, parameters: Parameters) -> HeatLoad:
+    """Return the heat load of the motor of a rotary axis in a move."""
+    times, *columns = turn_samples(move, number, parameters)
+    speed, standing, moving = (one[:, None] for one in columns)
+    own = rotary_axis_parameters(parameters, number)
+    return motion_heat_load(times, speed, standing, standing + moving, parameters=own)
 
 
 def _of_round(planned: Planned, known: dict[int, _Loads], parameters: Parameters) -> _Loads:
     """Return the mean loads per round; ``known`` contains those of moves by number."""
     none = np.zeros(3)
     loads = _Loads(
-        Energy(), GearLoad(none, none, none, 0.0), HeatLoad(np.zeros((3, 3, 3)), none, none, none, 0.0)
+        Energy(),
+        GearLoad(none, none, none, 0.0),
+        no_heat_load(ARMS),
+        tuple(no_heat_load(1) for _ in parameters.rotary_axes),
     )
     for number, count in zip(*np.unique(planned.plan.tables.order, return_counts=True), strict=True):
         one = known.get(int(number)) or _loads(_part(planned, int(number), parameters), parameters)

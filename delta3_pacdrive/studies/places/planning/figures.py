@@ -11,6 +11,7 @@ import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.limits.temperature import continuous_torque
 from delta3_pacdrive.studies.framework.figure_style import (
     AXIS_COLOURS,
     COLOURS,
@@ -40,6 +41,7 @@ INK = '#222222'
 LINE: dict[str, Any] = {'linewidth': 1.6, 'solid_capstyle': 'round'}
 LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.9, 'linestyle': DASHED}
 SPEED_MAP = 'viridis'
+CURVE_SAMPLES = 200  # of the S1 curve
 MARKED = 0.4  # share of the longest move: instant marked in master and slaves
 MOVES_MARKED = 40  # maximum number of moves with marked boundaries
 QUANTITY_COLOURS = dict(
@@ -73,6 +75,7 @@ def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
         'over_path.png': partial(over_path, found),
         'motors.png': partial(motors, found, parameters),
         'limits.png': partial(limits, found),
+        'continuous_torque.png': partial(continuous, found, parameters),
     }
 
 
@@ -232,6 +235,26 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
         panels[2], 'dashed: limit (peak current), dotted: nominal current, where they are near', color=MUTED
     )
     panel_title(panels[3], 'at the output; dashed: acceleration torque', color=MUTED)
+    return figure
+
+
+def continuous(found: PlanStudy, parameters: Parameters) -> Figure:
+    """Draw the S1 curve over the speed, and rms torque and speed of each motor in the first round."""
+    s, motor = found.samples, parameters.motor
+    figure = figure_of_program('Continuous torque', found.planned.name, 4.6)
+    axes = figure.add_subplot(xlabel='motor speed [rpm]', ylabel='motor torque [N m]')
+    speed = np.linspace(0.0, motor.max_speed_rad_s, CURVE_SAMPLES)
+    axes.plot(RPM * speed, continuous_torque(speed, parameters), color=INK, label='S1', **LINE)
+    steps = np.gradient(s.time_s)
+    for i, colour in enumerate(AXIS_COLOURS):
+        rpm, torque = RPM * np.abs(s.motor_speed_rad_s[:, i]), np.abs(s.motor_torque_n_m[:, i])
+        axes.plot(rpm, torque, '.', color=colour, markersize=1.5, alpha=0.4)
+        mean = [np.sqrt(np.average(one**2, weights=steps)) for one in (rpm, torque)]
+        axes.plot(*mean, 'o', color=colour, markeredgecolor='white', label=f'axis {i + 1}, rms')
+    keep_span([axes], 0.1)
+    axes.set_ylim(bottom=0.0)
+    legend_above(axes)
+    panel_title(axes, f'at {parameters.thermal.ambient_degc:g} degC, including friction', color=MUTED)
     return figure
 
 

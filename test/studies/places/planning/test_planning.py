@@ -289,6 +289,7 @@ def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
         'position_and_velocity.png',
         'path_points.png',
         'over_path.png',
+        'continuous_torque.png',
         'motors.png',
         'limits.png',
     }
