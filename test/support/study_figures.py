@@ -324,7 +324,7 @@ def commissioned_loop(name, measured):
     ]
 
 
-def commissioned_inertia(found):
+def commissioned_inertia(measured, mechanics):
     def panel(response, fitted):
         def check(axes):
             drawn = {one.get_label(): one for one in axes.lines}
@@ -338,9 +338,8 @@ def commissioned_inertia(found):
 
         return (check,)
 
-    measured = found.measured['before'].responses
     return 'Inertia at the pose, motor side', [
-        panel(response, fitted) for response, fitted in zip(measured, found.mechanics, strict=True)
+        panel(response, fitted) for response, fitted in zip(measured.responses, mechanics, strict=True)
     ]
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.studies.drives.commissioning.mechanics import HIGHEST_HZ, RIGID_HZ
+from delta3_pacdrive.studies.drives.commissioning.mechanics import HIGHEST_HZ, RIGID_HZ, Mechanics
 from delta3_pacdrive.studies.drives.commissioning.responses import usable
 from delta3_pacdrive.studies.drives.commissioning.study import Measurement, Results
 from delta3_pacdrive.studies.drives.loops.response import decibels, degrees
@@ -28,7 +29,8 @@ LEGEND: dict[str, Any] = {'fontsize': 8, 'frameon': False}
 def by_name(found: Results) -> Drawings:
     """Return the drawing functions of the figures by file name."""
     loops = {f'loop_{name}.png': partial(loop, name, one) for name, one in found.measured.items()}
-    return loops | {'inertia.png': partial(inertia, found)}
+    before = next(iter(found.measured.values()))
+    return loops | {'inertia.png': partial(inertia, before, found.mechanics)}
 
 
 def loop(name: str, measured: Measurement) -> Figure:
@@ -61,14 +63,11 @@ def loop(name: str, measured: Measurement) -> Figure:
     return figure
 
 
-def inertia(found: Results) -> Figure:
+def inertia(measured: Measurement, mechanics: Sequence[Mechanics]) -> Figure:
     """Draw the measured inertia over the frequency (points), its fit (lines) and the model (dashed)."""
     figure = titled_figure('Inertia at the pose, motor side', 6.6)
     panels = figure.subplots(3, 1, sharex=True)
-    measured = next(iter(found.measured.values()))
-    for axes, one, fitted, colour in zip(
-        panels, measured.responses, found.mechanics, AXIS_COLOURS, strict=True
-    ):
+    for axes, one, fitted, colour in zip(panels, measured.responses, mechanics, AXIS_COLOURS, strict=True):
         hertz, values = one.inertia.frequencies_hz, np.abs(one.inertia.values)
         axes.plot(hertz, 1e4 * values, '.', color='#CCCCCC')
         kept = one.inertia.trusted

@@ -31,6 +31,7 @@ Rows = NDArray[Any]
 PAIRS = 2  # of strokes there and back
 HALF_RAD, SPEED_RAD_S = 4.0, 5.0  # of the excited stroke: friction is constant, the inertia changes little
 ERROR_MAX = 0.15  # relative standard error of a usable line
+STROKES_MIN = 2  # excited ones
 PERIODS_MIN = 4  # of the signal in a stroke, for three transforms of two periods each
 
 
@@ -75,12 +76,19 @@ def responses(record: AxisRecord, pose_rad: float, parameters: Parameters) -> Ax
     found: dict[str, list[Measured]] = {}
     pieces = [piece for pair in stroke(record.axis).pieces(position, record.sample_s) for piece in pair]
     added = record.own('current_added')
-    for piece in pieces:
-        rows = _whole_periods(record, piece, added, signal, every)
+    if not pieces:
+        raise TuningError(f'the record of axis{record.axis + 1} contains no stroke at constant speed')
+    rows_of = [_whole_periods(record, piece, added, signal, every) for piece in pieces]
+    counts = [len(rows) // signal.samples for rows in rows_of]
+    if sum(count >= PERIODS_MIN for count in counts) < STROKES_MIN:
+        raise TuningError(
+            f'the strokes of axis{record.axis + 1} were excited for {", ".join(map(str, counts))} periods at constant '
+            f'speed; {STROKES_MIN} strokes with {PERIODS_MIN} periods are needed'
+        )
+    # the generator may have started during the first stroke
+    for rows in (rows for rows, count in zip(rows_of, counts, strict=True) if count >= PERIODS_MIN):
         for name, one in _of_piece(record, rows, position, signal, every).items():
             found.setdefault(name, []).append(one)
-    if not found:
-        raise TuningError(f'the record of axis{record.axis + 1} contains no stroke at constant speed')
     mean = {name: _mean(ones) for name, ones in found.items()}
     frequencies = mean['inertia'].frequencies_hz
     to_inertia = -parameters.motor.torque_constant_n_m_a / (2.0 * np.pi * frequencies) ** 2
@@ -111,11 +119,6 @@ def _whole_periods(record: AxisRecord, piece: slice, added: Floats, signal: Mult
     rows = np.arange(max(start, every), piece.stop, every)
     rows = rows[added[rows] != 0.0]
     count = len(rows) // signal.samples
-    if count < PERIODS_MIN:
-        raise TuningError(
-            f'axis{record.axis + 1} was excited for {count} periods at constant speed, {PERIODS_MIN} are needed: the '
-            'generator has stopped or started late'
-        )
     surplus = (len(rows) - count * signal.samples) // 2
     return np.asarray(rows[surplus : surplus + count * signal.samples])
 

@@ -63,24 +63,19 @@ class Study(studies.Study):
         return folder.results('Commissioning of the drives', document, text, tables, figures.by_name(found))
 
     def _run(self, robot: RunningRobot) -> tuple[Results, ReportFolder]:
-        own = _with_actual_gains(robot)
+        own = with_actual_gains(robot)
         folder = ReportFolder(
             self.folder, Provenance.of(self.command, own, f'robot {self.settings.namespace}')
         )
         folder.make()
         angles = robot.angles_rad()
-        measured = [self._measured(robot, own, axis, BEFORE) for axis in range(ARMS)]
-        mechanics = []
-        for response in measured:
-            self.on_progress(f'friction of axis{response.axis + 1}', response.axis, ARMS)
-            record = robot.record(friction_strokes(response.axis), excited=False)
-            mechanics.append(identify(response, record, angles, own))
+        before, mechanics = measure(robot, own, self.on_progress)
         found = Results(
             angles_rad=angles,
             tcp_m=kinematics.forward(np.array(angles), own.kinematics).tolist(),
             parameters=own,
             mechanics=mechanics,
-            measured={BEFORE: _measurement(measured, mechanics, own, BEFORE)},
+            measured={BEFORE: before},
             proposed=None,
             outcome=None,
         )
@@ -90,11 +85,6 @@ class Study(studies.Study):
         if self.settings.apply and found.proposed is not None:
             found = self._apply(robot, found, found.proposed)
         return found, folder
-
-    def _measured(self, robot: RunningRobot, own: Parameters, axis: int, which: str) -> AxisResponse:
-        self.on_progress(f'excitation of axis{axis + 1}, {which}', axis, ARMS)
-        pose = own.dynamics.gear_ratio * robot.angles_rad()[axis]
-        return responses(robot.record(stroke(axis), excited=True), pose, own)
 
     def _propose(self, found: Results) -> Proposed:
         own, mechanics = found.parameters, found.mechanics
@@ -123,7 +113,7 @@ class Study(studies.Study):
         folder, own = self.folder, proposed.gains.of(found.parameters)
         drive_gains.apply(proposed.gains.values(), robot.channel, self.settings.namespace, folder)
         try:
-            measured = [self._measured(robot, own, axis, AFTER) for axis in range(ARMS)]
+            measured = _responses(robot, own, AFTER, self.on_progress)
             after = _measurement(measured, found.mechanics, own, AFTER)
         except (Delta3Error, KeyboardInterrupt) as error:
             drive_gains.undo(robot.channel, folder)
@@ -139,7 +129,31 @@ class Study(studies.Study):
         return replace(found, outcome=Outcome(True, f'the gains are in all drives; undo with {back}'))
 
 
-def _with_actual_gains(robot: RunningRobot) -> Parameters:
+def measure(
+    robot: RunningRobot, own: Parameters, on_progress: studies.OnProgress
+) -> tuple[Measurement, list[Mechanics]]:
+    """Return margins and mechanics of the axes of a robot at its pose; raises Delta3Error."""
+    angles = robot.angles_rad()
+    measured, mechanics = _responses(robot, own, BEFORE, on_progress), []
+    for response in measured:
+        on_progress(f'friction of axis{response.axis + 1}', response.axis, ARMS)
+        record = robot.record(friction_strokes(response.axis), excited=False)
+        mechanics.append(identify(response, record, angles, own))
+    return _measurement(measured, mechanics, own, BEFORE), mechanics
+
+
+def _responses(
+    robot: RunningRobot, own: Parameters, which: str, on_progress: studies.OnProgress
+) -> list[AxisResponse]:
+    found = []
+    for axis in range(ARMS):
+        on_progress(f'excitation of axis{axis + 1}, {which}', axis, ARMS)
+        pose = own.dynamics.gear_ratio * robot.angles_rad()[axis]
+        found.append(responses(robot.record(stroke(axis), excited=True), pose, own))
+    return found
+
+
+def with_actual_gains(robot: RunningRobot) -> Parameters:
     """Return the parameters of the robot with the gains of its drives; raises TuningError if these differ."""
     names = [
         *_gains(robot.parameters).values(),

@@ -100,6 +100,14 @@ class Proposal:
     before: Kept
     payload_kg: float
 
+    @property
+    def kept_text(self) -> str:
+        """The margins that are kept, for a file."""
+        return (
+            f'{self.kept.phase_deg:.1f} deg and {self.kept.gain_db:.1f} dB over the workspace with 0 to '
+            f'{self.payload_kg:g} kg'
+        )
+
 
 def propose(
     parameters: Parameters,

@@ -105,11 +105,8 @@ class Study(studies.Study):
         )
         document, drawings = report.summary(found), figures.by_name(found)
         if proposal is not None and document['proposal']['proposed']:
-            kept = (
-                f'{proposal.kept.phase_deg:.1f} deg and {proposal.kept.gain_db:.1f} dB over the workspace with 0 to '
-                f'{proposal.payload_kg:g} kg'
-            )
-            gains.write(proposal.gains, kept, folder.path / gains.FILE, folder.provenance)
+            path = folder.path / gains.FILE
+            gains.write(proposal.gains, proposal.kept_text, path, folder.provenance)
             folder.add(folder.path / gains.FILE)
         text, tables = report.text(document), report.tables(found)
         return folder.results('Tuning of the drives', document, text, tables, drawings)

@@ -176,7 +176,10 @@ def test_record_without_excitation_names_the_axis():
     robot = SimulatedRobot(ROBOT)
     record = robot.record(stroke(2), False)
     pose = robot.angles_rad()[2] * ROBOT.dynamics.gear_ratio
-    with pytest.raises(TuningError, match='axis3 was excited for 0 periods at constant speed, 4 are needed'):
+    with pytest.raises(
+        TuningError,
+        match='axis3 were excited for 0, 0, 0, 0 periods at constant speed; 2 strokes with 4 periods',
+    ):
         responses(record, pose, ROBOT)
     empty = replace(record, signals={name: values[:100] for name, values in record.signals.items()})
     with pytest.raises(TuningError, match='axis3 contains no stroke at constant speed'):

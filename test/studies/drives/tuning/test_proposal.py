@@ -162,7 +162,9 @@ def test_margins_out_of_range_are_rejected(values, told):
 )
 def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, proposals, tmp_path):
     path = tmp_path / gains_file.FILE
-    gains_file.write(proposals(name), path, Provenance.of('tune --propose', proposals(name).robot, None, []))
+    found = proposals(name)
+    origin = Provenance.of('tune --propose', found.robot, None, [])
+    gains_file.write(found.gains, found.kept_text, path, origin)
     assert parameters.load(f'{joined}{path}') == proposals(name).robot
     assert '45.0 deg and 6.0 dB' in path.read_text()
 
