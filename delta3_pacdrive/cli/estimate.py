@@ -31,6 +31,7 @@ class Options(JsonOptions):
         'parameters to estimate', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
     parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
+    columns: str | None = option('column file that maps the columns of tables to signals', 'FILE')
     free: tuple[str, ...] = option(
         'additional quantities to estimate, such as I_brake,w_s, or effects of built robots: '
         'friction,gear,ripple,sensors,geometry',
@@ -101,6 +102,11 @@ def _require_effective(options: Options) -> None:
             ('--sampling', '--seed', '--measurement'),
         ),
         (
+            bool(options.inputs) and not any(is_recording(text) for text in options.inputs),
+            'the input is a program',
+            ('--columns',),
+        ),
+        (
             options.group == 'thesis' and not options.design,
             'the group thesis has fixed signals and quantities',
             (*models, '--measurement', *quantities, *more),
@@ -113,12 +119,12 @@ def _require_effective(options: Options) -> None:
         (
             bool(options.design),
             '--design only writes a program',
-            ('INPUT', *models, '--noise', '--measurement', *quantities, *more, '--start-off'),
+            ('INPUT', *models, '--columns', '--noise', '--measurement', *quantities, *more, '--start-off'),
         ),
         (
             bool(options.resume),
             '--resume uses the settings of the folder',
-            (*models, '--noise', '--seed', *quantities, *more, '--start-off'),
+            (*models, '--columns', '--noise', '--seed', *quantities, *more, '--start-off'),
         ),
     ]
     given = options.given()

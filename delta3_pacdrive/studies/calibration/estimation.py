@@ -10,8 +10,10 @@ yield under weight do, and so do lengths if only zero angles are estimated. The 
 """
 
 import copy
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,13 +26,14 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import REACHED, capability
 from delta3_pacdrive.studies.calibration import model
 from delta3_pacdrive.studies.calibration.model import ALL, ARMS, SCALES, ZEROS, Observation
-from delta3_pacdrive.studies.calibration.study import Estimate, Residual
+from delta3_pacdrive.studies.calibration.study import Estimate, Measurements, Residual
 
 MODEL_M = 0.01e-3  # residual without noise: gears yield under weight, joints have backlash
 SEEN, FIRM = 1.0, 10.0  # singular values above which a direction is estimated, and without the prior
 FREEDOM_MIN = 3
 Z_95 = 1.959964
 FAR_M = 0.05  # larger than any manufacturing error
+NEARER = 0.99  # of two equally likely errors of a table, the first is named
 CONTRADICTION = 4.0  # rms of the residuals relative to its expectation
 OUTLIER = 6.0  # the same for a single measurement
 TOO_LITTLE, TOO_LITTLE_UNPLACED = 0.3, 0.8  # of the uncalibrated uncertainty: useless calibration
@@ -306,16 +309,65 @@ def _require_reached(observation: Observation, x: Floats) -> None:
     if lost.any():
         n = int(np.argmax(lost))
         angles = ', '.join(f'{angle:.3f}' for angle in np.degrees(observation.measured.angles_rad[n]))
-        raise CalibrationError(f'measurement {n + 1}: the forearms do not meet at arm angles ({angles}) deg')
+        cause = _likely_cause(observation)
+        advice = f': all measurements agree {cause}' if cause else ''
+        raise CalibrationError(
+            f'measurement {n + 1}: the forearms do not meet at arm angles ({angles}) deg{advice}'
+        )
 
 
 def _require_near(observation: Observation, left: Floats) -> None:
     far = np.linalg.norm(left, axis=1)
     if (n := int(np.argmax(far))) >= 0 and far[n] > FAR_M:
+        cause = _likely_cause(observation)
+        advice = (
+            f'all measurements agree {cause}' if cause else 'check that robot, frame and units are correct'
+        )
         raise CalibrationError(
             f'measurement {n + 1} is {MM * far[n]:.1f} mm from the TCP computed from the arm angles, the limit is '
-            f'{MM * FAR_M:g} mm: check that robot, frame and units are correct'
+            f'{MM * FAR_M:g} mm: {advice}'
         )
+
+
+def _likely_cause(observation: Observation) -> str:
+    """Return the change of axes, signs or units that brings all measurements nearest to the robot, or an empty text."""
+    x = model.corrections_of(observation.robot.kinematics)
+    best, found = FAR_M, ''
+    for text, measured in _changes(observation.measured):
+        other = observation.with_measured(measured)
+        try:
+            far = float(np.linalg.norm(other.residuals(x, other.start(x)), axis=1).max())
+        except CalibrationError:
+            continue
+        if far < NEARER * best:  # false for nan
+            best, found = far, text
+    return found
+
+
+def _changes(measured: Measurements) -> Iterator[tuple[str, Measurements]]:
+    """Yield usual errors of tables, with the measurements without that error."""
+    angles, points = measured.angles_rad, measured.points_m
+    orders = list(permutations(range(3)))[1:]
+    for order in orders:
+        names = ', '.join(str(n + 1) for n in order)
+        yield f'with the arm angles in the order {names}', replace(measured, angles_rad=angles[:, order])
+    yield 'with the opposite sign of the arm angles', replace(measured, angles_rad=-angles)
+    for factor, text in ((math.degrees(1.0), 'radians'), (math.radians(1.0), 'degrees')):
+        yield f'with the arm angles as {text}', replace(measured, angles_rad=factor * angles)
+    if measured.objects:
+        return
+    for order in orders:
+        names = ', '.join('xyz'[n] for n in order)
+        yield (
+            f'with the measured coordinates in the order {names}',
+            replace(measured, points_m=points[:, order]),
+        )
+    for axis, name in enumerate('xyz'):
+        sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+        yield f'with the opposite sign of the measured {name}', replace(measured, points_m=sign * points)
+    for factor in (1e3, 1e-3, 25.4, 1.0 / 25.4):
+        text = f'with the measured coordinates multiplied by {factor:.4g}'
+        yield text, replace(measured, points_m=factor * points)
 
 
 def _too_few(count: int, rows: int, places: int, figures: int) -> str:

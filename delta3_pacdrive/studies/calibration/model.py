@@ -137,6 +137,10 @@ class Observation(ABC):
     def residuals(self, x: Floats, place: Floats) -> Floats:
         """Return the residuals [m], one row of one or three values per measurement."""
 
+    def with_measured(self, measured: Measurements) -> 'Observation':
+        """Return the same comparison with other measurements."""
+        return type(self)(measured, self.robot)
+
     @property
     def used(self) -> NDArray[np.int64]:
         """Indices of the measurements used for the estimation."""
@@ -204,6 +208,10 @@ class Touches(Observation):
         self._objects = sorted(set(measured.objects))
         self._rows = {name: np.array([n == name for n in measured.objects]) for name in self._objects}
         self._normals: dict[str, Floats] = {}
+
+    def with_measured(self, measured: Measurements) -> 'Observation':
+        """Return the same comparison with other measurements."""
+        return Touches(measured, self.robot, self._level, self._height_m)
 
     def start(self, x: Floats) -> Floats:
         """Return the position of each object: the best plane, the best ball."""

@@ -26,6 +26,7 @@ class Verdict(Enum):
     INVISIBLE = 'no effect on the signals'
     CONFOUNDED = 'only together with others'
     WEAK = 'too weak against the noise'
+    NUISANCE = 'setting of the drive'  # fitted within its prior, not reported as a result
 
 
 @dataclass(frozen=True)
@@ -87,20 +88,27 @@ def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -
     slopes = zip(problem.jacobian(x), sigmas, strict=True)
     parts = [array.reshape(-1, len(x)) / sigma for array, sigma in slopes]
     should_be_zero = [q.symbol for q in problem.quantities if q.is_error]
-    return analyse_jacobian(parts, [q.symbol for q in problem.quantities], problem.accuracy, should_be_zero)
+    symbols = [q.symbol for q in problem.quantities]
+    return analyse_jacobian(parts, symbols, problem.accuracy, should_be_zero, problem.prior_weights)
 
 
 def analyse_jacobian(
-    parts: Sequence[Floats], symbols: Sequence[str], accuracy: float, errors: Sequence[str] = ()
+    parts: Sequence[Floats],
+    symbols: Sequence[str],
+    accuracy: float,
+    errors: Sequence[str] = (),
+    prior_weights: Floats | None = None,
 ) -> Identifiability:
     """Analyse a Jacobian, one part (rows, quantities) per signal, in standard deviations of the noise per scale.
 
-    ``errors`` are quantities expected to be zero; they are the last to be selected for estimation.
+    ``errors`` are quantities expected to be zero; they are the last to be selected for estimation. ``prior_weights``
+    are the inverse standard deviations [1/scale] of priors, which count like one more sample of each quantity.
     """
     lengths = np.array([np.linalg.norm(part, axis=0) for part in parts])
     total = np.linalg.norm(lengths, axis=0)
     visible = [int(v) for v in np.flatnonzero(total > accuracy * max(float(total.max()), 1e-300))]
-    reduced = _triangle(parts)[:, visible]
+    known = np.zeros(len(symbols)) if prior_weights is None else prior_weights
+    reduced = _triangle([*parts, np.diag(known)] if known.any() else parts)[:, visible]
     unit = reduced / total[visible]
     _, values, directions = np.linalg.svd(unit, full_matrices=False)
     rank = int((values > max(accuracy, 1e-12) * values[0]).sum()) if len(values) else 0

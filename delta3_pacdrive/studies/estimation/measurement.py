@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.errors import EstimationError
@@ -19,6 +20,9 @@ MOVING_RAD_S = 1.0  # speed of a shaft above which it moves
 MARGIN_S = 0.02  # kept before and after the motion
 REST_S = 0.05  # constant command after which the robot is at rest
 EVEN_CLOCK = 1e-6  # clock deviation within rounding
+EVERY = 'bus_cycles_per_sample'  # meta data of a log sampled every few bus cycles
+EVERY_MAX = 10
+COMMANDS = {'motor_command', 'arm_position_reference'}
 
 
 @dataclass(frozen=True)
@@ -69,12 +73,16 @@ def completed(trace: Trace, parameters: Parameters) -> Trace:
     return Trace(trace.time_s, signals, trace.meta)
 
 
-def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trace], list[str]]:
+def parts_of(
+    trace: Trace, parameters: Parameters, name: str, each_cycle: bool = True
+) -> tuple[list[Trace], list[str]]:
     """Return the parts of a recording between its gaps, and notes on omitted samples and corrected times.
 
     The first part is used as it is. Each later part begins after the command, or else the speed, was constant for 50
-    ms, because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly one bus
-    cycle apart come from the clock of the controller; their times are bus times, multiplied by a constant.
+    ms, because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly a number
+    of bus cycles apart come from the clock of the controller; their times are bus times, multiplied by a constant.
+    With ``each_cycle``, signals are interpolated between samples several bus cycles apart: commands by cubic splines,
+    others linearly.
 
     Raises
     ------
@@ -90,18 +98,27 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
     period = float(np.median(np.diff(trace.time_s))) if len(trace.time_s) > 1 else 0.0
     cycle = parameters.bus.cycle_time_s
     rows = np.rint((trace.time_s - trace.time_s[:1]) / (period or 1.0)).astype(np.int64)
-    fast = period / cycle - 1.0
+    every = round(period / cycle)
+    if not 1 <= every <= EVERY_MAX:
+        every = 1
+    fast = period / (every * cycle) - 1.0
     if EVEN_CLOCK < abs(fast) <= CLOCKS_MAX:
+        consecutive = 'consecutive bus cycles' if every == 1 else f'every {every} bus cycles'
         notes.append(
             f'The clock is {100.0 * abs(fast):.2g} % {"fast" if fast > 0.0 else "slow"}: samples are assigned to '
-            f'consecutive bus cycles of {cycle * 1e3:g} ms'
+            f'{consecutive} of {cycle * 1e3:g} ms'
         )
-        trace = Trace(trace.time_s[0] + rows * cycle, trace.signals, trace.meta | {'cycle_time_s': cycle})
+        times = trace.time_s[0] + rows * every * cycle
+        trace = Trace(times, trace.signals, trace.meta | {'cycle_time_s': every * cycle})
+    is_coarse = each_cycle and every > 1 and abs(fast) <= CLOCKS_MAX and bool(COMMANDS & trace.signals.keys())
+    if is_coarse:
+        notes.append(f'Every {every} bus cycles are sampled; the commands between them are interpolated')
     known = np.all([np.isfinite(values).all(axis=1) for values in trace.signals.values()], axis=0)
     kept = np.flatnonzero(known)
     pieces = np.split(kept, np.flatnonzero(np.diff(rows[kept]) != 1) + 1)
     if len(pieces) == 1 and len(kept) == len(rows):
-        return [completed(trace, parameters)], notes
+        whole = completed(trace, parameters)
+        return [_in_each_cycle(whole, every, cycle) if is_coarse else whole], notes
     parts: list[Trace] = []
     for number, piece in enumerate(pieces):
         part = completed(_rows(trace, piece), parameters) if len(piece) > 2 else None
@@ -111,6 +128,8 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
     if not parts:
         raise EstimationError('no part of the trace between its gaps begins at rest and moves')
     used = sum(len(part.time_s) for part in parts)
+    if is_coarse:
+        parts = [_in_each_cycle(part, every, cycle) for part in parts]
     notes.append(
         f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} samples are omitted: gaps, and the motion after them until '
         'the robot is at rest'
@@ -122,6 +141,18 @@ def _rows(trace: Trace, rows: NDArray[np.int64]) -> Trace:
     return Trace(
         trace.time_s[rows], {name: values[rows] for name, values in trace.signals.items()}, trace.meta
     )
+
+
+def _in_each_cycle(part: Trace, every: int, cycle_s: float) -> Trace:
+    """Return a part sampled every few bus cycles with a row for each bus cycle."""
+    from_first = part.time_s - part.time_s[0]
+    times = cycle_s * np.arange(every * (len(from_first) - 1) + 1)
+    signals = {
+        name: np.column_stack([np.interp(times, from_first, column) for column in values.T])
+        for name, values in part.signals.items()
+    }
+    signals['motor_command'] = CubicSpline(from_first, part['motor_command'])(times)
+    return Trace(part.time_s[0] + times, signals, part.meta | {'cycle_time_s': cycle_s, EVERY: every})
 
 
 def _from_rest(part: Trace) -> Trace | None:

@@ -179,12 +179,13 @@ def _predicted(problem: Problem, found: Fit, slopes: Sequence[Floats]) -> list[f
     normals = [[j.T @ j for _, j in own] for own in parts]
     scores = [[j.T @ r for r, j in own] for own in parts]
     normal = np.sum([np.sum(own, axis=0) for own in normals], axis=0)
-    score = np.sum([np.sum(own, axis=0) for own in scores], axis=0)
+    normal += np.diag(problem.prior_weights[list(found.identifiability.estimated)] ** 2)
+    # the score of all parts and priors vanishes at the solution
     out = []
     for own, normal_own, score_own, sigma in zip(parts, normals, scores, sigmas, strict=True):
         total, count = 0.0, 0
         for (residual, jacobian), part_normal, part_score in zip(own, normal_own, score_own, strict=True):
-            step = -np.linalg.lstsq(normal - part_normal, score - part_score, rcond=None)[0]
+            step = -np.linalg.lstsq(normal - part_normal, -part_score, rcond=None)[0]
             left = residual + jacobian @ step
             total, count = total + float(left @ left), count + left.size
         out.append(sigma * float(np.sqrt(total / max(count, 1))))

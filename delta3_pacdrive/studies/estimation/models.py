@@ -14,7 +14,14 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.estimation.measurement import NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.studies.estimation.problem import BAND_HZ, Block, MotionBand
-from delta3_pacdrive.studies.estimation.quantities import FRAME, GROUPS, OF_ARMS, OFFSETS, base_constants
+from delta3_pacdrive.studies.estimation.quantities import (
+    FRAME,
+    GROUPS,
+    OF_ARMS,
+    OF_DRIVES,
+    OFFSETS,
+    base_constants,
+)
 
 POSES_MAX = 1000
 
@@ -137,10 +144,11 @@ class TorqueModel:
     the masses and inertias. Both sides pass the same zero-phase filter, which keeps the band of the motion;
     accelerations are slopes of the speed. Currents must be sampled faster than the bus cycle. With one sample per
     cycle they contain the ripple of the set points in a fixed phase, which is indistinguishable from an inertia.
+    ``measured`` is the filtered current [A], shape (n, 3).
     """
 
     step, accuracy = 1e-5, 1e-6
-    depends = frozenset(GROUPS['masses'].possible) - {'R', 'L', 't_I'}
+    depends = frozenset(GROUPS['masses'].possible) - {'R', 'L', *OF_DRIVES}
 
     def __init__(self, trace: Trace, parameters: Parameters, band_hz: float = BAND_HZ) -> None:
         self._parameters = parameters
@@ -158,8 +166,8 @@ class TorqueModel:
             )
         self._inertial = [self._filtered(regressor[..., i] / ratio) for i in range(3)]
         self._viscous = self._filtered(self._speed)
-        self._current = self._filtered(trace['current'][rows])
-        self.shapes = (self._current.shape,)
+        self.measured: Floats = self._filtered(trace['current'][rows])
+        self.shapes = (self.measured.shape,)
         self._static: tuple[float, Floats] = (math.nan, self._viscous)
         # white noise of the current through the filter, and of the speed through slope and inertia
         share = 2.0 * band_hz * period
@@ -180,7 +188,7 @@ class TorqueModel:
         torque = values['F_v'] * self._viscous + values['F_s'] * self._static_friction(values['w_s'])
         for constant, column in zip(constants, self._inertial, strict=True):
             torque = torque + constant * column
-        return [self._current - torque / values['K_m']]
+        return [self.measured - torque / values['K_m']]
 
 
 def slope(values: Floats, period_s: float) -> Floats:

@@ -109,6 +109,8 @@ class Problem:
         self.step = max(model.step for model in models)
         self._known = values_of(parameters)
         self.scales: Floats = np.array([q.extent(self._known[q.symbol]) for q in self.quantities])
+        # inverse standard deviations [1/scale] of the priors; 0 without one
+        self.prior_weights: Floats = np.array([1.0 / q.prior if q.prior else 0.0 for q in self.quantities])
         # cache: analysis, steps, intervals and checks use slopes at the same values
         self._slopes_at: tuple[bytes, dict[int, list[Floats]]] = (b'', {})
 
@@ -131,24 +133,43 @@ class Problem:
         return [array for model in self.models for array in model.residuals(values)]
 
     def jacobian(self, x: Floats, columns: Sequence[int] | None = None) -> list[Floats]:
-        """Return derivatives of the residuals per scale by central differences, one array (n, 3, columns) per block."""
+        """Return derivatives of the residuals per scale by central differences, one array (n, 3, columns) per block.
+
+        At the border of stable closed loops the differences are one-sided.
+
+        Raises
+        ------
+        EstimationError
+            The residuals are not finite on either side.
+
+        """
         columns = range(len(x)) if columns is None else columns
         if self._slopes_at[0] != x.tobytes():
             self._slopes_at = x.tobytes(), {}
         known = self._slopes_at[1]
         for j in columns:
             if j not in known:
-                change = np.zeros(len(x))
-                change[j] = self.step * self.scales[j]
-                higher, lower = self.values(x + change), self.values(x - change)
-                known[j] = [part for model in self.models for part in self._slopes(model, j, higher, lower)]
+                known[j] = [part for model in self.models for part in self._slopes(model, j, x)]
         slopes = [known[j] for j in columns]
         return [np.stack([column[b] for column in slopes], axis=-1) for b in range(len(self.blocks))]
 
-    def _slopes(
-        self, model: Model, j: int, higher: Mapping[str, float], lower: Mapping[str, float]
-    ) -> list[Floats]:
+    def _slopes(self, model: Model, j: int, x: Floats) -> list[Floats]:
         if self.quantities[j].symbol not in model.depends:
             return [np.zeros(shape) for shape in model.shapes]
-        parts = zip(model.residuals(higher), model.residuals(lower), strict=True)
-        return [(high - low) / (2.0 * self.step) for high, low in parts]
+        change = np.zeros(len(x))
+        change[j] = self.step * self.scales[j]
+        width = 2.0 * self.step
+        higher, lower = (model.residuals(self.values(x + own)) for own in (change, -change))
+        if not (_finite(higher) and _finite(lower)):
+            width, centre = self.step, model.residuals(self.values(x))
+            higher, lower = (higher, centre) if _finite(higher) else (centre, lower)
+            if not (_finite(higher) and _finite(lower)):
+                raise EstimationError(
+                    f'the model of the closed loop is unstable with {self.quantities[j].symbol} near {x[j]:.3g} '
+                    f'{self.quantities[j].unit}: check signs, units and axes of the log'
+                )
+        return [(high - low) / width for high, low in zip(higher, lower, strict=True)]
+
+
+def _finite(arrays: Sequence[Floats]) -> bool:
+    return all(bool(np.isfinite(array).all()) for array in arrays)

@@ -21,6 +21,7 @@ ANGLE_SCALE_RAD = math.pi / 3.0  # azimuth of an arm: half the angle between two
 SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # offsets that should be zero
 CURRENT_DELAY_S = 62.5e-6  # instant at which a logger samples the current
 SMALL_GAIN, SMALL_CURRENT_A = 0.02, 0.05  # errors of current sensors
+PRIOR_REACH = 4.0  # standard deviations of a prior within which a quantity stays
 BUILT_EXCHANGE_S = 125e-6  # for elastic gears: each step of the velocity loop uses the true shaft
 
 _AZIMUTHS = ('alpha_1', 'alpha_2', 'alpha_3')
@@ -39,6 +40,9 @@ class Quantity:
     lowest: float = 0.05  # bound, as a multiple of a positive start value
     highest: float = 20.0  # upper bound
     effect: str = ''  # switch in the group rich on which it depends
+    # standard deviation of a normal prior, as a multiple of ``extent``; 0: none
+    prior: float = 0.0
+    expected: float = 0.0  # mean of the prior of a quantity without a parameter [SI]
 
     @property
     def is_error(self) -> bool:
@@ -64,6 +68,9 @@ class Quantity:
 
     def bounds(self, start: float) -> tuple[float, float]:
         """Return the bounds [SI] of an estimation that begins at ``start``."""
+        if self.prior:
+            reach = PRIOR_REACH * self.prior * self.extent(start)
+            return start - reach, start + reach
         if self.scale:
             return start - 3.0 * self.scale, start + 3.0 * self.scale
         return self.lowest * start, self.highest * (start or self.typical)
@@ -85,7 +92,15 @@ _TABLE = (
     Quantity('m_n', 'kg', 'plate', 'dynamics.plate_mass_kg'),
     Quantity('m_payload', 'kg', 'payload', 'dynamics.payload_mass_kg', typical=0.1),
     Quantity('t_I', 's', 'time from a sample of the current to its AT, beyond that of this robot',
-             scale=CURRENT_DELAY_S),
+             scale=CURRENT_DELAY_S, prior=1.0, expected=CURRENT_DELAY_S),
+    # gains are set in other units and rounded; filters and current loops differ between drives
+    Quantity('K_Ppos', 'rad/s/rad', 'position gain of the drives', 'drive.position_gain_rad_s_rad', prior=0.05),
+    Quantity('K_Pvel', 'A s/rad', 'velocity gain of the drives', 'drive.velocity_gain_a_s_rad', prior=0.05),
+    Quantity('K_Ivel', 'A/rad', 'integral velocity gain of the drives', 'drive.velocity_integral_gain_a_rad',
+             prior=0.1),
+    Quantity('F_currRef', 's', 'filter of the current reference of the drives', 'drive.current_reference_filter_s',
+             typical=62.5e-6, prior=0.2),
+    Quantity('K_Pcurr', 'V/A', 'current gain of the drives', 'drive.current_gain_v_a', prior=0.1),
     Quantity('l_A', 'm', 'upper arm', 'kinematics.upper_arm_length_m'),
     Quantity('l_B', 'm', 'forearm', 'kinematics.forearm_length_m'),
     Quantity('R_A', 'm', 'circle of the motor axes', 'kinematics.base_radius_m'),
@@ -124,6 +139,14 @@ TABLE = {quantity.symbol: quantity for quantity in _TABLE}
 OFFSETS = tuple(f'theta0_{i}' for i in (1, 2, 3))
 OF_ARMS = tuple(tuple(f'd{name}_{i}' for i in (1, 2, 3)) for name in ('l_A', 'l_B', 'R', 'alpha'))
 FRAME = ('x_0', 'y_0', 'z_0', 'r_x', 'r_y', 'r_z')
+OF_DRIVES = (
+    't_I',
+    'K_Ppos',
+    'K_Pvel',
+    'K_Ivel',
+    'F_currRef',
+    'K_Pcurr',
+)  # nuisance parameters of a third-party log
 
 
 @dataclass(frozen=True)
@@ -190,9 +213,11 @@ _ELECTRICAL = ('R', 'L', 'K_m')
 _FRICTION = ('F_v', 'F_s')
 _DRIVEN = tuple(q.symbol for q in _TABLE if q.effect and q.effect != 'geometry')
 GROUPS = {
-    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES, 't_I'), _DRIVEN),
+    'motor': Group(
+        'motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES, *OF_DRIVES), _DRIVEN
+    ),
     'masses': Group(
-        'masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL, 't_I'), _DRIVEN
+        'masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL, *OF_DRIVES), _DRIVEN
     ),
     'geometry': Group(
         'geometry', (*_LENGTHS, *_AZIMUTHS), FRAME, (*OFFSETS, *(s for own in OF_ARMS for s in own))
@@ -250,12 +275,14 @@ def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: fl
     """Return start values: those of the parameters, changed by the share ``off`` (0.3: 30 %).
 
     Azimuths, which have no natural zero, are shifted by that share of 60 degrees, neighbours in opposite directions.
-    With a share errors start at zero.
+    With a share errors start at zero. Quantities with a prior start at its mean.
     """
     start = []
     for quantity in quantities:
         value = quantity.read(parameters)
-        if quantity.symbol in _AZIMUTHS:
+        if quantity.prior:
+            start.append(value or quantity.expected)
+        elif quantity.symbol in _AZIMUTHS:
             start.append(value + off * quantity.scale * (-1.0) ** int(quantity.symbol[-1]))
         elif quantity.is_error and off:
             start.append(0.0)

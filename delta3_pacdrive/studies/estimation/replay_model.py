@@ -13,13 +13,14 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
-from delta3_pacdrive.studies.estimation.measurement import NOISE, moving_rows, sample_time_s
+from delta3_pacdrive.studies.estimation.measurement import EVERY, NOISE, moving_rows, sample_time_s
 from delta3_pacdrive.studies.estimation.problem import BAND_HZ, Block, MotionBand
-from delta3_pacdrive.studies.estimation.quantities import GROUPS, TABLE, values_of, with_values
+from delta3_pacdrive.studies.estimation.quantities import GROUPS, OF_DRIVES, TABLE, values_of, with_values
 
 STANDING_CYCLES = 150  # at rest in torque before the first command: enable, brake, integrators
 OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # must each be valid parameters
-OF_ROTOR = ('I_m', 'I_brake')  # the same with elastic gears, where the rotor moves separately
+OF_LOOPS = tuple(symbol for symbol in OF_DRIVES if TABLE[symbol].parameter)
+OF_ROTOR = ('I_m', 'I_brake')  # of OF_MOTOR with elastic gears, where the rotor moves separately
 IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without noticeable steps
 NOISY_SEED = 71  # first seed of the model's sensors for measuring their noise
 NOISY_RUNS = 32  # averaged runs
@@ -70,7 +71,7 @@ class Replay:
         self._parameters = self._noisy.replace(rich__current_noise_a=0.0, rich__encoder_noise_rad=0.0)
         self._known = values_of(parameters)
         effects = parameters.rich.effects
-        self._single = OF_MOTOR + (OF_ROTOR if effects.gear else ())
+        self._single = (*OF_MOTOR, *OF_LOOPS, *(OF_ROTOR if effects.gear else ()))
         self._single += tuple(q.symbol for q in TABLE.values() if q.effect and q.is_on(parameters))
         self._ideal = ideal_encoder
 
@@ -99,9 +100,9 @@ class Replay:
         _take_masses(robot, whole, parameters)
         # telegrams transmit the payload in discrete steps
         robot.grip(parameters.dynamics.payload_mass_kg)
-        # the drives keep their settings, including the nominal torque constant
+        # the drives keep their settings, including the nominal torque constant, but for nuisance parameters
         for drive in robot.drives:
-            drive.configure(own)
+            drive.configure(replace(own, drive=parameters.drive))
             if ideal:
                 drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
         robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE, self._torques[0])
@@ -147,7 +148,8 @@ class ReplayModel:
     The drives are simulated between samples, so the phase at which the samples catch the ripple of the current is
     correct. For a built robot only the band of the motion is compared, because the motion of gears and encoder noise
     above it is random. Its sensor noise, through the loops and through friction and backlash, shifts the mean current;
-    ``settle`` measures that shift near the solution.
+    ``settle`` measures that shift near the solution. ``measured`` is the compared part of the recorded current [A],
+    shape (n, 3). In a log sampled every few bus cycles, only these cycles are compared.
     """
 
     accuracy = 3e-4
@@ -159,14 +161,18 @@ class ReplayModel:
         self.rows = rows = self._replay.rows
         count, cycle = rows.stop - rows.start, parameters.bus.cycle_time_s
         self._band: MotionBand | None = None
+        every = int(trace.meta.get(EVERY, 1))
+        self._sampled = slice(-rows.start % every, None, every)
         self.depends = frozenset(GROUPS['motor'].possible)
         sigma, period, start = NOISE.current_a, cycle, float(trace.time_s[rows.start])
         if parameters.rich.enabled:
             self._band = MotionBand(count, cycle, 'replay of a built robot')
             period, start = self._band.every * cycle, start + self._band.edge * cycle
             sigma *= math.sqrt(2.0 * BAND_HZ * cycle)
-        self._current = trace['current'][rows]
-        self.shapes = (self.seen(self._current).shape,)
+        else:
+            period, start = every * cycle, start + self._sampled.start * cycle
+        self.measured: Floats = self.seen(trace['current'][rows])
+        self.shapes = (self.measured.shape,)
         self.blocks = (Block('current by replay', 'A', sigma, period, start),)
         self._mean: Floats = np.zeros(self.shapes[0])
 
@@ -185,7 +191,7 @@ class ReplayModel:
 
     def seen(self, values: Floats) -> Floats:
         """Return the compared part of a current [A], shape (cycles, 3)."""
-        return values if self._band is None else self._band(values)
+        return values[self._sampled] if self._band is None else self._band(values)
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured less replayed current [A], shape (n, 3); nan for impossible parameters."""
@@ -193,4 +199,4 @@ class ReplayModel:
             replayed = self._replay.run(self._own(values))['current']
         except EstimationError:
             return [np.full(self.shapes[0], np.nan)]
-        return [self.seen(self._current - replayed) - self._mean]
+        return [self.measured - self.seen(replayed) - self._mean]

@@ -14,6 +14,7 @@ from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ArmDeviations, Parameters
 from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.recording.tables import column_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
 from delta3_pacdrive.studies.estimation import (
@@ -25,6 +26,7 @@ from delta3_pacdrive.studies.estimation import (
 )
 from delta3_pacdrive.studies.estimation import missing_effects as missing
 from delta3_pacdrive.studies.estimation.fitted_file import Fitted
+from delta3_pacdrive.studies.estimation.identifiability import Z_95, Verdict
 from delta3_pacdrive.studies.estimation.measurement import (
     completed,
     parts_of,
@@ -38,6 +40,7 @@ from delta3_pacdrive.studies.estimation.problem import Model, Problem
 from delta3_pacdrive.studies.estimation.quantities import (
     BUILT_EXCHANGE_S,
     GROUPS,
+    OF_DRIVES,
     TABLE,
     Quantity,
     start_values,
@@ -45,21 +48,26 @@ from delta3_pacdrive.studies.estimation.quantities import (
     with_values,
 )
 from delta3_pacdrive.studies.estimation.replay_model import ReplayModel
-from delta3_pacdrive.studies.estimation.solver import Fit, Iterate
+from delta3_pacdrive.studies.estimation.solver import Fit, Iterate, half_widths
 from delta3_pacdrive.studies.estimation.study import Settings
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.provenance import Provenance, os_errors_as, write_json
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 from delta3_pacdrive.studies.framework.study import OnProgress
-from delta3_pacdrive.studies.runs.inputs import is_recording, with_digests
+from delta3_pacdrive.studies.runs.inputs import is_recording, is_table, with_digests
+from delta3_pacdrive.studies.runs.run_comparison import mismatches
 from delta3_pacdrive.studies.runs.runs import notes_of
 
 THESIS = 'thesis'
+REMEDY = 'correct the file, or describe its columns with --columns'
 TIMING = (
     'with one sample per bus cycle it is confounded with the sampling instant and the dead times of the current '
     'loops, which the log does not contain; phase_voltage would separate them'
 )
-OF_TIMING = ('R', 'L', 't_I')  # confounded with the timing inside the drives in a third-party log
+OF_TIMING = ('R', 'L')  # confounded with the timing inside the drives in a third-party log
+UNIT_NEAR = 0.05  # relative distance to the ratio of two units; robots differ as well
+MUCH_WIDER = 1.5  # ratio of intervals at which a quantity depends on the settings of the drive
+OWN_VERDICTS = (Verdict.IDENTIFIABLE, Verdict.WEAK)  # of a quantity on its own
 # range of the timing of other drives in periods of the current loop: samples up to two earlier, dead time by one
 TIMING_PERIODS = (-1.0, 3.0)
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
@@ -156,27 +164,33 @@ class Study(studies.Study):
         write_json(origin, self.folder / SETTINGS)
         if self.settings.group == THESIS:
             return self._run_thesis()
-        traces = self._traces(self.settings.inputs, measurement)
+        traces = self.traces(self.settings.inputs, measurement)
         self.allow_for_timing(traces)
+        self._require_matching_signals(traces)
 
         def build(robot: Parameters) -> list[Model]:
             return [model for trace in traces for model in self.models(trace, robot)]
 
         problem = Problem(self.quantities, build(self.model_robot), self.model_robot)
         start = start_values(self.quantities, self.model_robot, self._off)
+        self._require_matching_currents(problem)
         if self.iterate is not None and len(self.iterate.x) != len(start):
             raise EstimationError(f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values')
         found = missing.fit_built(problem, start, build, self._keep, self.iterate)
         found = found.without(self.reasons_of_timing(problem, found))
+        found = found.without(self.reasons_of_settings(problem, found), Verdict.NUISANCE)
         aside = [
             model
-            for trace in self._traces(self.settings.validate)
+            for trace in self.traces(self.settings.validate)
             for model in self.models(trace, self.model_robot)
         ]
         verdict = check(problem, found, aside)
+        self.on_progress(verdict.sentences[0], 0, 0)
         better = None if verdict.holds else self._search(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, verdict, better, self.robot, self._simulates)
+        if verdict.holds:
+            document['verdict'] += self.dependence_on_settings(problem, found)
         document |= {'notes': self.notes} if self.notes else {}
         self.on_progress('tables and figures', 0, 0)
         folder = ReportFolder(self.folder, self._provenance())
@@ -203,19 +217,84 @@ class Study(studies.Study):
         held = {*group.named(self.settings.known), *(quantity.symbol for quantity in self.quantities)}
         if 't_I' not in group.possible or any('phase_voltage' in trace.signals for trace in traces):
             return
-        self.quantities += tuple(TABLE[symbol] for symbol in OF_TIMING if symbol not in held)
-        self.timing = tuple(symbol for symbol in OF_TIMING if symbol not in self.settings.free)
+        more = (*OF_TIMING, *OF_DRIVES)
+        self.quantities += tuple(TABLE[symbol] for symbol in more if symbol not in held)
+        self.timing = tuple(symbol for symbol in more if symbol not in self.settings.free)
         self.model_robot = self.model_robot.replace(bus__exchange_period_s=BUILT_EXCHANGE_S)
 
     def reasons_of_timing(self, problem: Problem, found: Fit) -> dict[str, str]:
         """Return why each timing quantity is not identifiable, with its interval over the possible instants."""
         early, late = (n * self.robot.drive.current_period_s for n in TIMING_PERIODS)
-        reasons = dict.fromkeys(self.timing, TIMING)
+        reasons = {symbol: TIMING for symbol in self.timing if symbol in OF_TIMING}
         for symbol, (low, high) in found.spans(problem, 't_I', early, late).items():
             if symbol in reasons:
                 interval = f'{max(low, 0.0):.3g} to {high:.3g} {TABLE[symbol].unit}'
                 reasons[symbol] += f'; {interval} if these differ by {1e6 * early:.4g} to {1e6 * late:.4g} us'
         return reasons
+
+    def reasons_of_settings(self, problem: Problem, found: Fit) -> dict[str, str]:
+        """Return prior and fitted value of each nuisance parameter of the drives."""
+        reasons = {}
+        means = start_values(self.quantities, self.model_robot, 0.0)
+        for quantity, mean, estimate in zip(self.quantities, means, found.estimates, strict=False):
+            if quantity.symbol in self.timing and quantity.prior:
+                half = Z_95 * quantity.prior * quantity.extent(mean)
+                reasons[quantity.symbol] = (
+                    f'{mean:.3g} +- {half:.2g} {quantity.unit} (95 %) assumed; '
+                    f'{estimate.value:.3g} +- {estimate.half_width:.2g} fitted'
+                )
+        return reasons
+
+    def dependence_on_settings(self, problem: Problem, found: Fit) -> list[str]:
+        """Return a sentence on quantities whose intervals would be much narrower with known settings of the drives."""
+        columns = list(found.identifiability.estimated)
+        symbols = [self.quantities[j].symbol for j in columns]
+        kept = [k for k, symbol in enumerate(symbols) if symbol not in self.timing]
+        if len(kept) == len(columns) or not kept:
+            return []
+        known = [columns[k] for k in kept]
+        free, fixed = (
+            half_widths(problem, found.x, own, found.residuals, found.whiteness) for own in (columns, known)
+        )
+        affected = [
+            f'{symbols[k]} (+-{100.0 * free[k]:.2g} %, with known settings +-{100.0 * width:.2g} %)'
+            for k, width in zip(kept, fixed, strict=True)
+            if free[k] > MUCH_WIDER * width and found.identifiability.verdict(symbols[k]) in OWN_VERDICTS
+        ]
+        if not affected:
+            return []
+        advice = 'currents averaged over each bus cycle (--method balance)'
+        if self.robot.drive.interpolation == 'linear':
+            advice = f'cubic set points (drive.interpolation: cubic) or {advice}'
+        return [
+            f'dependent on sampling instant, delays and gains of the drive: {", ".join(affected)}; a log with {advice} '
+            'depends less on them'
+        ]
+
+    def _require_matching_signals(self, traces: Sequence[Trace]) -> None:
+        """Raise EstimationError if positions or speeds of a log have other axes, signs or units than its commands."""
+        for trace in traces if not self._simulates else ():
+            signals = trace.signals
+            if {'motor_command', 'motor_position'} <= signals.keys():
+                self._require_match('motor_position', signals['motor_command'], signals['motor_position'])
+            if {'motor_position', 'motor_speed'} <= signals.keys() and len(trace.time_s) > 1:
+                speed = np.gradient(signals['motor_position'], sample_time_s(trace), axis=0)
+                self._require_match('motor_speed', speed, signals['motor_speed'])
+
+    def _require_matching_currents(self, problem: Problem) -> None:
+        """Raise EstimationError if the currents have other axes, signs or units than those of the parameter file."""
+        values = problem.values(start_values(self.quantities, self.model_robot, 0.0))
+        for model in problem.models if not self._simulates else ():
+            if isinstance(model, ReplayModel | TorqueModel):
+                modelled = model.measured - model.residuals(values)[0]
+                self._require_match('current', modelled, model.measured)
+
+    def _require_match(self, name: str, one: Floats, other: Floats) -> None:
+        ratio = self.robot.dynamics.gear_ratio
+        found = mismatches(name, one, other, ratio, ('the model', 'the log'), near=UNIT_NEAR)
+        # ratios without a known cause are differences of the robots
+        if wrong := [text for text in found if 'times' not in text or ', as ' in text]:
+            raise EstimationError(f'{"; ".join(wrong)}: {REMEDY}')
 
     def _run_thesis(self) -> dict[str, Any]:
         chosen = self.settings
@@ -228,7 +307,7 @@ class Study(studies.Study):
         else:
             if len(chosen.inputs) != 1:
                 raise EstimationError('the group thesis takes one trace')
-            (trace, *more), built = self._traces(chosen.inputs), None
+            (trace, *more), built = self.traces(chosen.inputs), None
             if more:
                 raise EstimationError('the group thesis takes one trace without gaps')
         study = thesis_setup.study(
@@ -359,17 +438,19 @@ class Study(studies.Study):
         seed = chosen.seed if self._simulates else None
         return Provenance.of(self.command, self.robot, chosen.parameters, with_digests(chosen.inputs), seed)
 
-    def _traces(self, inputs: Sequence[str], measurement: Path | None = None) -> list[Trace]:
+    def traces(self, inputs: Sequence[str], measurement: Path | None = None) -> list[Trace]:
+        """Read recordings, or simulate the measurement of programs; raises Delta3Error."""
         settings = self.settings
         if not self._simulates:
             self.on_progress('reading', 0, 0)
             found: list[Trace] = []
             for text in inputs:
-                trace, notes = load(text, gaps=True), list[str]()
+                columns = column_file.read(settings.columns) if settings.columns and is_table(text) else None
+                trace, notes = load(text, columns, gaps=True), list[str]()
                 if settings.group == 'geometry':
                     parts = [completed(trace, self.robot)]
                 else:
-                    parts, notes = parts_of(trace, self.robot, text)
+                    parts, notes = parts_of(trace, self.robot, text, settings.method != 'balance')
                 found += [Trace(one.time_s, one.signals, one.meta | {'input': text}) for one in parts]
                 self.notes += [f'{text}: {note}' for note in (*notes_of(parts[0]), *notes)]
             return found

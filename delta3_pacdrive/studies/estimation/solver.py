@@ -19,6 +19,7 @@ OnIterate = Callable[['Iterate'], None]
 LIMITS: dict[str, Any] = {'ftol': 1e-10, 'xtol': 1e-10, 'gtol': 1e-10, 'max_nfev': 100}
 WIDE_STEP = 5e-3  # step of difference quotients at or above which a model has kinks
 ROUGH = {'ftol': 1e-5, 'xtol': 1e-6}  # tolerances there: far below a standard deviation
+NOISY = {'ftol': 1e-7, 'xtol': 1e-7}  # tolerances for the noise of a log with nuisance parameters
 ROUNDS_MAX = 3  # rounds of weighting and selection
 COLOURED = 0.1  # autocorrelation below which residuals count as independent
 BLOCK_PER_LAG = 12  # correlation lengths per independent block of residuals
@@ -74,9 +75,8 @@ class Fit:
     converged: bool
     message: str
 
-    def without(self, reasons: Mapping[str, str]) -> 'Fit':
-        """Return the fit with some quantities marked as not identifiable, each with a reason."""
-        verdict = Verdict.CONFOUNDED
+    def without(self, reasons: Mapping[str, str], verdict: Verdict = Verdict.CONFOUNDED) -> 'Fit':
+        """Return the fit with another verdict on some quantities, each with its reason."""
         estimates = [replace(e, verdict=verdict) if e.symbol in reasons else e for e in self.estimates]
         findings = [
             replace(f, verdict=verdict, reason=reasons[f.symbol]) if f.symbol in reasons else f
@@ -96,7 +96,7 @@ class Fit:
             return {}
         own = symbols.index(symbol)
         rest = [k for k in range(len(columns)) if k != own]
-        normal = np.zeros((len(columns), len(columns)))
+        normal = np.diag(problem.prior_weights[columns] ** 2)
         for part, white in zip(problem.jacobian(self.x, columns), self.whiteness, strict=True):
             rows = part.reshape(-1, len(columns)) / max(white.rms, 1e-300)
             normal += rows.T @ rows
@@ -173,7 +173,7 @@ def fit_once(problem: Problem, start: Floats, on_iterate: OnIterate | None, resu
     noise = [max(value, block.sigma) for value, block in zip(own, problem.blocks, strict=True)]
     report_at_noise = analyse(problem, x, noise)
     whiteness = tuple(whiteness_of(array) for array in residuals)
-    covariance, freedom = _covariance(
+    covariance, freedom = covariance_of(
         problem=problem,
         x=x,
         columns=report.estimated,
@@ -222,6 +222,8 @@ def _solve(
             bounds = problem.quantities[j].bounds(float(start[j]))
             low[k], high[k] = bounds[0] / scales[k], bounds[1] / scales[k]
     held = PRIOR * np.maximum(scales, np.abs(start[columns]))
+    weights = problem.prior_weights[columns]
+    held = np.where(weights > 0.0, scales / np.where(weights > 0.0, weights, 1.0), held)
     seen: list[bytes] = []
     costs: dict[bytes, float] = {}
 
@@ -253,7 +255,8 @@ def _solve(
     begin = np.clip(x[columns] / scales, low + margin, high - margin)
     if not np.isfinite(np.concatenate([a.ravel() for a in problem.residuals(whole(begin))])).all():
         raise EstimationError('the residuals at the start are not finite')
-    limits = LIMITS | (ROUGH if problem.step >= WIDE_STEP else {})
+    limits = LIMITS | (NOISY if problem.prior_weights.any() else {})
+    limits |= ROUGH if problem.step >= WIDE_STEP else {}
     solution = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale='jac', **limits)
     return whole(solution.x), solution, count + len(seen)
 
@@ -272,7 +275,7 @@ def whiteness_of(residuals: Floats) -> Whiteness:
     )
 
 
-def _covariance(
+def covariance_of(
     problem: Problem,
     x: Floats,
     columns: Sequence[int],
@@ -290,7 +293,9 @@ def _covariance(
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)
-    normal, quiet = np.zeros((count, count)), np.zeros((count, count))
+    # a prior is one more sample of its quantity, with exactly its standard deviation
+    normal = np.diag(problem.prior_weights[list(columns)] ** 2)
+    quiet = normal.copy()
     normals, scores = [], []
     blocks = 0
     for slopes, errors, sigma, white, block in zip(
@@ -335,7 +340,7 @@ def half_widths(
 ) -> Floats:
     """Return the half widths [scales] of the 95 % intervals of quantities estimated with these residuals."""
     sigmas = [block.sigma for block in problem.blocks]
-    covariance, freedom = _covariance(
+    covariance, freedom = covariance_of(
         problem=problem, x=x, columns=columns, residuals=residuals, sigmas=sigmas, whiteness=whiteness
     )
     return np.asarray(_quantile(freedom) * np.sqrt(np.diag(covariance)))

@@ -22,3 +22,4 @@ class Settings:
     known: tuple[str, ...] = ()  # symbols or effects to be held
     validate: tuple[str, ...] = ()  # validation recordings, or programs of a simulated measurement
     apply: bool = False  # whether to write a parameter file with the estimates and show its effect
+    columns: str | None = None  # column file of tables

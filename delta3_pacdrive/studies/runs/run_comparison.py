@@ -143,12 +143,19 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     )
 
 
-def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list[str]:
+def mismatches(
+    name: str,
+    one: Floats,
+    other: Floats,
+    gear_ratio: float,
+    runs: tuple[str, str] = ('the first', 'the second run'),
+    near: float = NEAR,
+) -> list[str]:
     """Return sentences about exchanged axes, opposite signs or different units of a signal.
 
     ``one`` and ``other`` are its values in both runs at the same times, shape (n, 3); ``gear_ratio`` is that of the
-    first
-    robot.
+    first robot, ``runs`` are the names of the runs in the sentences, and ``near`` is the relative distance to a ratio
+    with a known cause.
     """
     known = np.isfinite(np.hstack([one, other])).all(axis=1)
     if known.sum() < ROWS_MIN or one.shape[1] != len(AXES):
@@ -163,25 +170,24 @@ def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list
     own = np.abs(np.diagonal(correlation))
     moved = [i for i in AXES if best[i] != i and abs(correlation[i, best[i]]) > max(SAME, own[i] + CLEARLY)]
     found = []
+    first, second = runs
     if moved:
         pairs = ', '.join(f'{names[i]} is {names[best[i]]}' for i in moved)
-        found.append(f'{name}: axes are exchanged in the second run: {pairs}')
+        found.append(f'{name}: axes are exchanged in {second}: {pairs}')
     order = best if moved else tuple(AXES)
     signed = np.array([correlation[i, j] for i, j in enumerate(order)])
     opposite = [i for i in AXES if signed[i] < -SAME]
     if opposite:
         listed = ', '.join(f'{names[i]} {signed[i]:.3f}' for i in opposite)
-        found.append(f'{name}: the second run has the opposite sign (correlation of {listed})')
+        found.append(f'{name}: {second} has the opposite sign (correlation of {listed})')
     alike = [i for i in AXES if abs(signed[i]) > SAME]
     if alike:
         ratio = float(np.median([sizes[1][order[i]] / sizes[0][i] for i in alike]))
-        near = (text for value, text in _factors(gear_ratio) if abs(ratio / value - 1.0) < NEAR)
-        known_as = next(near, '')
+        alike_to = (text for value, text in _factors(gear_ratio) if abs(ratio / value - 1.0) < near)
+        known_as = next(alike_to, '')
         # error signals of two robots rarely have the same size
         if known_as or (abs(math.log(ratio)) > math.log(OTHER_SCALE) and 'error' not in name):
-            found.append(
-                f'{name}: values of the second run are {ratio:.4g} times those of the first{known_as}'
-            )
+            found.append(f'{name}: values of {second} are {ratio:.4g} times those of {first}{known_as}')
     return found
 
 

@@ -187,13 +187,40 @@ def test_poses_in_a_corner_identify_too_little(robot):
 
 
 @pytest.mark.parametrize(
-    'moved', [lambda p: 1e3 * p, lambda p: p + np.array([0.0, 0.0, 0.3]), lambda p: p[:, ::-1]]
+    ('moved', 'advice'),
+    [
+        (lambda p: 1e3 * p, 'all measurements agree with the measured coordinates multiplied by 0.001'),
+        (lambda p: p / 25.4, 'all measurements agree with the measured coordinates multiplied by 25.4'),
+        (lambda p: p + np.array([0.0, 0.0, 0.3]), 'check that robot, frame and units are correct'),
+        (lambda p: p[:, ::-1], 'all measurements agree with the measured coordinates in the order z, y, x'),
+        (lambda p: p * [1.0, 1.0, -1.0], 'all measurements agree with the opposite sign of the measured z'),
+        # the mirror image of a robot is one with two exchanged arms
+        (lambda p: p * [1.0, -1.0, 1.0], 'all measurements agree with the arm angles in the order 1, 3, 2'),
+    ],
 )
-def test_points_of_another_frame_or_unit_are_rejected(poses, robot, moved):
+def test_points_of_another_frame_or_unit_are_rejected(poses, robot, moved, advice):
     measured = instrument(poses, robot)
     sentence = refusal(dataclasses.replace(measured, points_m=moved(measured.points_m)), robot)
     assert re.match(r'measurement \d+ is [\d.]+ mm from the TCP computed from the arm angles', sentence)
-    assert sentence.endswith('check that robot, frame and units are correct')
+    assert sentence.endswith(advice)
+
+
+@pytest.mark.parametrize('kind', [model.PointsInBase, model.PointsInFrame])
+@pytest.mark.parametrize(
+    ('moved', 'advice'),
+    [
+        (lambda a: a[:, [2, 0, 1]], 'with the arm angles in the order 2, 3, 1'),
+        (lambda a: -a, 'with the opposite sign of the arm angles'),
+        (np.radians, 'with the arm angles as radians'),
+    ],
+)
+def test_exchanged_axes_signs_and_units_of_the_angles_are_named(poses, robot, kind, moved, advice):
+    measured = instrument(poses, robot)
+    if kind is model.PointsInFrame and 'order' in advice:
+        advice = 'with the arm angles in the order'  # a rotation about z is a rotation of the instrument
+        moved = lambda a: a[:, [0, 2, 1]]  # noqa: E731
+    sentence = refusal(dataclasses.replace(measured, angles_rad=moved(measured.angles_rad)), robot, kind)
+    assert advice in sentence
 
 
 def test_angles_at_which_the_forearms_do_not_meet_are_named(poses, robot):

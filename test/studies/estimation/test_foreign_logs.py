@@ -9,7 +9,7 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.estimation.identifiability import Verdict
 from delta3_pacdrive.studies.estimation.measurement import completed, moving_rows, parts_of
 from delta3_pacdrive.studies.estimation.problem import Problem
-from delta3_pacdrive.studies.estimation.quantities import TABLE, values_of
+from delta3_pacdrive.studies.estimation.quantities import OF_DRIVES, TABLE, values_of
 from delta3_pacdrive.studies.estimation.replay_model import Replay, ReplayModel
 from delta3_pacdrive.studies.estimation.run import OF_TIMING, Study
 from delta3_pacdrive.studies.estimation.solver import fit
@@ -61,8 +61,8 @@ def test_timing_is_free_for_logs_of_other_programs_only(group, log, robot, tmp_p
 
     foreign = study()
     foreign.allow_for_timing([log])
-    assert {TABLE[symbol] for symbol in OF_TIMING} <= set(foreign.quantities)
-    assert foreign.timing == OF_TIMING
+    assert {TABLE[symbol] for symbol in (*OF_TIMING, *OF_DRIVES)} <= set(foreign.quantities)
+    assert foreign.timing == (*OF_TIMING, *OF_DRIVES)
     assert foreign.model_robot.bus.exchange_period_s == 2 * PERIOD_S
     own = study()
     own.allow_for_timing([Trace(log.time_s, log.signals, {'parameters': {}})])
@@ -105,6 +105,78 @@ def test_inductance_and_sampling_instant_compensate_each_other_and_widen_the_int
     told = found.without({'L': 'for a reason'})
     assert told.estimates[1].verdict is Verdict.CONFOUNDED
     assert told.identifiability.findings[1].reason == 'for a reason'
+
+
+ORDER = [1, 0, 2]
+
+
+@pytest.fixture(scope='module')
+def turns():
+    """A log in which the axes move one after the other, with positions and currents of the replay."""
+    time_s = np.arange(320) * 1e-3
+    way = np.clip((time_s[:, None] - [0.01, 0.08, 0.15]) / 0.15, 0.0, 1.0)
+    command = -2.0 + way**3 * (10.0 - 15.0 * way + 6.0 * way**2) * [3.0, -2.5, 2.0]
+    speed = np.gradient(command, 1e-3, axis=0)
+    return Trace(time_s, {'motor_command': command, 'motor_speed': speed, 'current': 0.0 * command})
+
+
+@pytest.mark.parametrize(
+    ('changed', 'message'),
+    [
+        ({'current': lambda v: -v}, 'current: the log has the opposite sign'),
+        ({'current': lambda v: v[:, ORDER]}, 'current: axes are exchanged in the log: 1 is 2, 2 is 1'),
+        ({'current': lambda v: 1.414 * v}, 'as amplitude instead of rms would be'),
+        ({'motor_position': lambda v: -v}, 'motor_position: the log has the opposite sign'),
+        ({'motor_position': lambda v: v[:, ORDER]}, 'motor_position: axes are exchanged in the log'),
+        ({'motor_position': np.degrees}, 'as degrees instead of radians would be'),
+        ({'motor_speed': lambda v: v * 60.0 / (2.0 * np.pi)}, 'as rpm instead of rad/s would be'),
+    ],
+)
+def test_signals_of_other_axes_signs_or_units_are_rejected(changed, message, turns, robot, tmp_path):
+    replay = Replay(turns, robot)
+    signals = {'motor_command': turns['motor_command']}
+    for name, values in replay.run({}).items():
+        whole = turns['motor_command'].copy() if name == 'motor_position' else np.zeros_like(turns['current'])
+        whole[replay.rows] = values
+        signals[name] = changed.get(name, lambda v: v)(whole)
+    file = tmp_path / 'log.csv'
+    trace_file.save(Trace(turns.time_s, signals), file)
+    with pytest.raises(EstimationError, match=message) as caught:
+        Study(Settings('motor', (str(file),)), tmp_path / 'out', 'test', lambda *_: None).run()
+    assert str(caught.value).endswith('correct the file, or describe its columns with --columns')
+
+
+def test_a_column_file_corrects_the_sign_of_a_current(log, robot, tmp_path):
+    rows = '\n'.join(
+        ','.join(map(str, row)) for row in zip(log.time_s, *(-log['motor_speed'].T), strict=True)
+    )
+    (tmp_path / 'a.csv').write_text('t,a,b,c\n' + rows)
+    signals = [f'- {{column: {name}, signal: motor_speed, axis: {n}, unit: rad/s, factor: -1}}\n' for n, name in
+               enumerate('abc', start=1)]  # fmt: skip
+    (tmp_path / 'c.yaml').write_text('columns:\n- {column: t, signal: time, unit: s}\n' + ''.join(signals))
+    settings = Settings('motor', (str(tmp_path / 'a.csv'),), columns=str(tmp_path / 'c.yaml'))
+    (found,) = Study(settings, tmp_path / 'out', 'test', lambda *_: None).traces(settings.inputs)
+    np.testing.assert_allclose(found['motor_speed'], log['motor_speed'], rtol=1e-12)
+
+
+@pytest.mark.parametrize('rate', [1.0, 1.005, 0.98])
+def test_a_log_of_every_third_cycle_is_interpolated_and_compared_at_its_samples_only(rate, log, robot):
+    rows = slice(0, None, 3)
+    coarse = Trace(
+        2.0 + rate * log.time_s[rows], {name: values[rows] for name, values in log.signals.items()}
+    )
+    (found,), notes = parts_of(coarse, robot, 'a.csv')
+    assert notes[-1] == 'Every 3 bus cycles are sampled; the commands between them are interpolated'
+    assert len(found.time_s) == 319
+    np.testing.assert_allclose(np.diff(found.time_s), 1e-3, rtol=1e-9)
+    # a cubic spline through a quintic of 8 rad in 0.3 s: h^4/384 of its fourth derivative, 3e-5 rad, more at its ends
+    np.testing.assert_allclose(found['motor_command'], log['motor_command'][:319], atol=2e-4)
+    np.testing.assert_allclose(found['motor_command'][::3], log['motor_command'][:319:3], rtol=1e-12)
+    model = ReplayModel(found, robot)
+    first = model.rows.start + -model.rows.start % 3
+    assert model.measured.shape == (len(range(first, model.rows.stop, 3)), 3)
+    assert model.blocks[0].period_s == pytest.approx(3e-3)
+    assert parts_of(coarse, robot, 'a.csv', each_cycle=False)[0][0].time_s.shape == (107,)
 
 
 def log_of(moving, count=1000):
