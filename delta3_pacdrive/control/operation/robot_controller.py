@@ -29,7 +29,14 @@ from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, Unreacha
 from delta3_pacdrive.parameters import SERCOS_2, Parameters, numbered
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.recording.motion_progress import MotionProgress
-from delta3_pacdrive.robot.drive.operation_data import CP3_CHECK, CP4_CHECK, refusal
+from delta3_pacdrive.robot.drive.operation_data import (
+    CP3_CHECK,
+    CP4_CHECK,
+    INVALID_FOR_CP3,
+    TABLE,
+    refusal,
+    times_to_write,
+)
 from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos import master
@@ -38,7 +45,7 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.robot.sercos.master import BusMaster
 from delta3_pacdrive.robot.sercos.participants import Announcement
-from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, ServiceError, format_idn
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.robot.sercos.words import Phase
 
@@ -187,8 +194,7 @@ class RobotController:
                 case master.Greet():
                     self._callbacks.greet(action)
                 case master.Check(index, phase):
-                    done = partial(self._transition_checked, phase)
-                    self.services.ask_during_start_up(index, TRANSITION_CHECKS[phase], done)
+                    self._check_drive(index, phase)
                 case master.RobotReady(cycle):
                     if not self.state.fault:
                         self.state.locate(self.task.state['tcp'][0], cycle)
@@ -214,9 +220,29 @@ class RobotController:
         if action.entered and action.phase is Phase.CP3 and self._parameters.bus.timing == SERCOS_2:
             self.state.actions.append(Logged(f'telegrams: {self._parameters.bus_timing.text}'))
 
+    def _check_drive(self, index: int, phase: Phase) -> None:
+        """Ask a drive for the transition check of a phase, before CP3 with the times of the telegrams."""
+        if phase is Phase.CP2:
+            for idn, value in times_to_write(self._parameters, index):
+                # the check fails without a value that the drive rejects
+                access = Access(idn, Operation.WRITE, value)
+                self.services.ask_during_start_up(index, access, lambda *_: None)
+        done = partial(self._transition_checked, phase)
+        self.services.ask_during_start_up(index, TRANSITION_CHECKS[phase], done)
+
     def _transition_checked(self, phase: Phase, index: int, answer: Answer) -> None:
         reason = refusal(TRANSITION_CHECKS[phase], answer) if answer.error else ''
+        if answer.error == ServiceError.COMMAND_NOT_EXECUTABLE and phase is Phase.CP2:
+            done = partial(self._invalid_named, reason)
+            self.services.ask_during_start_up(index, Access(INVALID_FOR_CP3, Operation.READ), done)
+            return
         self._do(self.bus.transition_checked(index, phase, reason))
+
+    def _invalid_named(self, reason: str, index: int, answer: Answer) -> None:
+        """Report a failed check before CP3 with the value that the drive rejects."""
+        row = TABLE.get(int(answer.value)) if not answer.error else None
+        cause = f': {format_idn(row.idn)} {row.name} is missing or invalid' if row is not None else ''
+        self._do(self.bus.transition_checked(index, Phase.CP2, f'{reason}{cause}'))
 
     def _begin(self, cycle: int) -> None:
         if cycle or self.state.fault:

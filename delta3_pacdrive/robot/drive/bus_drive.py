@@ -143,6 +143,7 @@ class BusDrive:
                 case slave.Report(session):
                     self._port.announce(session, Occasion.STARTED)
                 case slave.Adopt():
+                    self.register.begin_session()
                     self._port.clear_frames()
                 case slave.Join(start):
                     self._master.received(self._now_s())

@@ -12,14 +12,23 @@ S-0-0112, S-0-0138) are omitted: both lead to the error "no such IDN".
 import dataclasses
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any
 
 from delta3_pacdrive.errors import shown
-from delta3_pacdrive.parameters import ARMS, FEED_FORWARDS, INTERPOLATIONS, MODEL, TIMINGS, Bus, groups
+from delta3_pacdrive.parameters import (
+    ARMS,
+    FEED_FORWARDS,
+    INTERPOLATIONS,
+    MODEL,
+    TIMINGS,
+    Bus,
+    Parameters,
+    groups,
+)
 from delta3_pacdrive.parameters.bus_timing import (
     AT_DATA,
     AT_START_MIN_US,
@@ -29,9 +38,11 @@ from delta3_pacdrive.parameters.bus_timing import (
     RECEIVE_TO_RECEIVE_US,
     SEND_TO_RECEIVE_US,
     TORQUE_DATA,
+    WORDS_BYTES,
     BusTiming,
     bus_timing,
     cyclic_bytes,
+    telegram_us,
 )
 from delta3_pacdrive.robot.drive.arrays import STANDSTILL_RAD_S
 from delta3_pacdrive.robot.drive.diagnostics import (
@@ -61,6 +72,7 @@ BITS = 'bits'  # unit of words, displayed in hexadecimal
 PHASE = 'phase'  # source: communication phase of the access
 # S-0-0015: no standard telegram contains a payload (MDT), or position, velocity and torque (AT)
 APPLICATION_TELEGRAM = 7
+WORD_MAX = 65535.0
 NOT_SCALED = 0  # scaling method 0, data at the motor shaft
 
 
@@ -89,7 +101,8 @@ class OperationData:
     sources
         Parameters (with a dot: ``drive.velocity_feedforward``), fields of the drive's ``STATE`` record, or ``PHASE``.
     writable_in
-        Phases in which the value may be changed; writable data has one parameter as its source and no formula.
+        Phases in which the value may be changed; writable data has one parameter as its source and no formula, or
+        ``bounds``.
 
     """
 
@@ -100,10 +113,15 @@ class OperationData:
     sources: tuple[str, ...]
     formula: Callable[..., float] = float  # computes the value from the sources, in order
     writable_in: frozenset[Phase] = READ_ONLY
+    bounds: tuple[float, float] | None = (
+        None  # of a whole number that the drive only stores; None: of its parameter
+    )
 
     @property
     def limits(self) -> tuple[float, float]:
         """Minimum and maximum of the value, from its parameter."""
+        if self.bounds is not None:
+            return self.bounds
         group, _, name = self.sources[0].partition('.') if self.sources else ('', '', '')
         if self.formula is float and group in groups():
             for field in dataclasses.fields(groups()[group]):
@@ -210,6 +228,14 @@ def _set(idn: str, name: str, unit: str, source: str, phases: frozenset[Phase]) 
     return _row(idn, name, unit, source, writable_in=phases)
 
 
+def _time(idn: str, name: str, unit: str, value: Callable[[BusTiming, int], float]) -> partial[OperationData]:
+    """Return a row of a value that the master computes from the times of the telegrams and writes in CP2."""
+    phases = frozenset({Phase.CP2})
+    return _row(
+        idn, name, unit, *_RING, formula=_of_timing(value), writable_in=phases, bounds=(0.0, WORD_MAX)
+    )
+
+
 # fmt: off
 _GROUPS = {
     Group.GAINS: (
@@ -273,22 +299,22 @@ _GROUPS = {
         _row('S-0-0003', 'Shortest AT transmission starting time (t1min)', 'us', formula=_constant(AT_START_MIN_US)),
         _row('S-0-0004', 'Transmit/receive transition time (tATMT)', 'us', formula=_constant(SEND_TO_RECEIVE_US)),
         _row('S-0-0005', 'Minimum feedback processing time (t5)', 'us', formula=_constant(FEEDBACK_US)),
-        _row('S-0-0006', 'AT transmission starting time (t1)', 'us', *_RING,
-             formula=_of_timing(lambda timing, place: timing.t1_us[place])),
-        _row('S-0-0007', 'Feedback acquisition capture point (t4)', 'us', *_RING,
-             formula=_of_timing(lambda timing, _: timing.t4_us)),
-        _row('S-0-0008', 'Command value valid time (t3)', 'us', *_RING,
-             formula=_of_timing(lambda timing, _: timing.t3_us)),
-        _row('S-0-0009', 'Position of data record in MDT', 'byte', *_RING,
-             formula=_of_timing(lambda timing, place: timing.record_positions[place])),
-        _row('S-0-0010', 'Length of MDT', 'byte', *_RING, formula=_of_timing(lambda timing, _: timing.mdt_bytes)),
+        _time('S-0-0006', 'AT transmission starting time (t1)', 'us',
+             lambda timing, place: timing.t1_us[place]),
+        _time('S-0-0007', 'Feedback acquisition capture point (t4)', 'us',
+             lambda timing, _: timing.t4_us),
+        _time('S-0-0008', 'Command value valid time (t3)', 'us',
+             lambda timing, _: timing.t3_us),
+        _time('S-0-0009', 'Position of data record in MDT', 'byte',
+             lambda timing, place: timing.record_positions[place]),
+        _time('S-0-0010', 'Length of MDT', 'byte', lambda timing, _: timing.mdt_bytes),
         _row('S-0-0015', 'Telegram type', BITS, formula=_constant(APPLICATION_TELEGRAM)),
         _row('S-0-0016', 'Length of the configuration list of the AT', 'byte', formula=_constant(2 * len(AT_DATA))),
         _row('S-0-0024', 'Length of the configuration list of the MDT', 'byte', 'control.feed_forward',
              formula=_mdt_list),
         _row('S-0-0088', 'Receive to receive recovery time (tMTSY)', 'us', formula=_constant(RECEIVE_TO_RECEIVE_US)),
-        _row('S-0-0089', 'MDT transmission starting time (t2)', 'us', *_RING,
-             formula=_of_timing(lambda timing, _: timing.t2_us)),
+        _time('S-0-0089', 'MDT transmission starting time (t2)', 'us',
+             lambda timing, _: timing.t2_us),
         _row('S-0-0090', 'Command value processing time (tMTSG)', 'us', formula=_constant(COMMAND_PROCESSING_US)),
         _row('S-0-0032', 'Primary operation mode', BITS, 'drive.velocity_feedforward', formula=_operation_mode),
         _row('P-0-0001', 'Position loop period', 's', 'drive.position_period_s'),
@@ -377,6 +403,7 @@ _GROUPS = {
         _row('S-0-0014', 'Interface status', BITS, PHASE, 'fault', formula=_interface_status),
         # one message is MST and MDT: its stamp synchronises, its values command. A lost message counts as both, a
         # garbled one as a lost MDT
+        _row('S-0-0021', 'First IDN of invalid operation data for CP3 (0 none)', BITS, formula=_constant(0.0)),
         _row('S-0-0028', 'MST error counter', ONE, 'mst_losses'),
         _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
         _row('S-0-0134', 'Drive control', BITS, 'control'),
@@ -403,6 +430,10 @@ _GROUPS = {
 
 ROWS = tuple(row(group=group) for group, rows in _GROUPS.items() for row in rows)
 TABLE = {row.idn: row for row in ROWS}
+# times of the telegrams, written by the master in CP2, in the order in which a drive checks them
+TIMES = tuple(row.idn for row in ROWS if row.bounds is not None)
+T1, T4, T3, RECORD_PLACE, MDT_LENGTH, T2 = TIMES
+INVALID_FOR_CP3 = parse_idn('S-0-0021')
 # IDN by the name of its parameter
 OF_PARAMETER = {
     row.sources[0]: row.idn
@@ -419,6 +450,44 @@ EXECUTABLE_IN = {
     START_EXCITATION: frozenset({Phase.CP4}),
     STOP_EXCITATION: frozenset({Phase.CP4}),
 }
+
+
+def times_to_write(parameters: Parameters, index: int) -> list[tuple[int, float]]:
+    """Return IDN and value of each time that the master writes to a drive in CP2."""
+    timing = parameters.bus_timing
+    values = {
+        T1: timing.t1_us[index],
+        T2: timing.t2_us,
+        T3: timing.t3_us,
+        T4: timing.t4_us,
+        RECORD_PLACE: timing.record_positions[index],
+        MDT_LENGTH: timing.mdt_bytes,
+    }
+    return [(idn, float(values[idn])) for idn in TIMES]
+
+
+def invalid_time(times: Mapping[int, float], parameters: Parameters) -> tuple[int, str]:
+    """Return the first IDN that a drive cannot accept for CP3, and the violated rule; 0 and '' if there is none."""
+    missing = next((idn for idn in TIMES if idn not in times), 0)
+    if missing:
+        return missing, 'the master has not written it'
+    at_bytes, record_bytes = cyclic_bytes(parameters.sends_torque)
+    rate, cycle_us = parameters.bus.baud_rate_mbit_s, round(1e6 * parameters.bus.cycle_time_s)
+    at_end = times[T1] + telegram_us(8 * (WORDS_BYTES + at_bytes), rate)
+    mdt_end = times[T2] + telegram_us(int(8 * times[MDT_LENGTH]), rate)
+    place_max = times[MDT_LENGTH] - WORDS_BYTES - record_bytes + 1
+    rules = (
+        (T1, times[T1] >= AT_START_MIN_US, f'at least S-0-0003 ({AT_START_MIN_US} us)'),
+        (T4, times[T4] <= cycle_us - FEEDBACK_US, f'at most {cycle_us - FEEDBACK_US} us, tScyc less S-0-0005'),
+        (RECORD_PLACE, 1 <= times[RECORD_PLACE] <= place_max, f'from 1 to {place_max:g}, within the MDT'),
+        (T2, times[T2] >= at_end + SEND_TO_RECEIVE_US, f'at least {at_end + SEND_TO_RECEIVE_US:.1f} us, after the AT'),
+        (T3, mdt_end + COMMAND_PROCESSING_US <= times[T3] <= cycle_us,
+         f'from {mdt_end + COMMAND_PROCESSING_US:.1f} us, after the MDT, to {cycle_us} us'),
+    )  # fmt: skip
+    for idn, is_valid, rule in rules:
+        if not is_valid:
+            return idn, f'{value_text(TABLE[idn], times[idn])}, but must be {rule}'
+    return 0, ''
 
 
 def value_text(row: OperationData, value: float) -> str:

@@ -4,17 +4,28 @@ import math
 from collections.abc import Callable
 
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import SERCOS_2, Parameters
 from delta3_pacdrive.robot.drive.operation_data import (
+    CP3_CHECK,
     EXECUTABLE_IN,
+    INVALID_FOR_CP3,
     PHASE,
     RESET_CLASS_1_DIAGNOSTIC,
     START_EXCITATION,
     STOP_EXCITATION,
     TABLE,
+    TIMES,
+    invalid_time,
     refusal,
 )
-from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, ServiceError, message_8503
+from delta3_pacdrive.robot.sercos.service_channel import (
+    Access,
+    Answer,
+    Operation,
+    ServiceError,
+    format_idn,
+    message_8503,
+)
 from delta3_pacdrive.robot.sercos.words import Phase
 
 
@@ -54,6 +65,13 @@ class Register:
         self._phase = Phase.CP2
         self._reset = reset
         self._excite = excite
+        self._times: dict[int, float] = {}  # written by the master in this session
+        self._invalid = 0  # S-0-0021
+
+    def begin_session(self) -> None:
+        """Discard the times that the master of the last session has written."""
+        self._times.clear()
+        self._invalid = 0
 
     def serve(self, access: Access, phase: Phase) -> Answer:
         """Execute an access of the service channel in a communication phase."""
@@ -71,6 +89,10 @@ class Register:
         row = TABLE.get(idn)
         if row is None:
             return self._refuse(Access(idn, Operation.READ), ServiceError.NO_IDN)
+        if idn in self._times:
+            return Answer(idn, value=self._times[idn])
+        if idn == INVALID_FOR_CP3:
+            return Answer(idn, value=float(self._invalid))
         return Answer(idn, value=float(row.formula(*(self._source(source) for source in row.sources))))
 
     def write(self, idn: int, value: float, phase: Phase) -> Answer:
@@ -79,6 +101,9 @@ class Register:
         error = writing_error(access, phase)
         if error:
             return self._refuse(access, error)
+        if idn in TIMES:
+            self._times[idn] = value
+            return Answer(idn, value=value)
         key = TABLE[idn].sources[0].replace('.', '__')
         try:
             changed = self.parameters.replace(**{key: value})
@@ -96,14 +121,20 @@ class Register:
     def command(self, idn: int, phase: Phase) -> Answer:
         """Execute a procedure command in a phase that permits it.
 
-        The transition checks always succeed: all values and the rules between them are checked at start-up and when
-        written.
+        On a SERCOS II ring, the check before CP3 requires the times that the master writes. All other values and the
+        rules between them are checked at start-up and when written.
         """
         access = Access(idn, Operation.COMMAND)
         if idn not in TABLE:
             return self._refuse(access, ServiceError.NO_IDN)
         if idn not in EXECUTABLE_IN:
             return self._refuse(access, ServiceError.NO_COMMAND)
+        if idn == CP3_CHECK and phase is Phase.CP2 and self.parameters.bus.timing == SERCOS_2:
+            self._invalid, rule = invalid_time(self._times, self.parameters)
+            if rule:
+                row = TABLE[self._invalid]
+                sentence = f'{format_idn(row.idn)} {row.name}: {rule}'
+                return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE, sentence)
         if phase not in EXECUTABLE_IN[idn] or not self._execute(idn):
             return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
         return Answer(idn, value=0.0)
@@ -141,7 +172,7 @@ def writing_error(access: Access, phase: Phase) -> ServiceError:
         return ServiceError.READ_ONLY
     if phase not in row.writable_in:
         return ServiceError.WRITE_PROTECTED
-    if not math.isfinite(access.value):
+    if not math.isfinite(access.value) or (row.bounds is not None and access.value % 1.0):
         return ServiceError.INVALID
     low, high = row.limits
     if access.value < low:

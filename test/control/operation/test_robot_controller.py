@@ -12,12 +12,20 @@ from delta3_pacdrive.control.actions import Logged
 from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_controller import RobotController
+from delta3_pacdrive.robot.drive.operation_data import times_to_write
 from delta3_pacdrive.robot.faults.fault import parse
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PARTICIPANTS, PLANT, Identity
 from delta3_pacdrive.robot.sercos.participants import Announcement, Occasion
-from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, ServiceError, format_idn
+from delta3_pacdrive.robot.sercos.service_channel import (
+    Access,
+    Answer,
+    Operation,
+    ServiceError,
+    format_idn,
+    parse_idn,
+)
 from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.robot.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
@@ -49,6 +57,7 @@ class Cell:
         self.accesses: list[Access] = []
         self.channels = [ServiceSlave(self._serve) for _ in DRIVES]
         self.refuses = ServiceError.NONE
+        self.invalid = ''  # IDN in S-0-0021
         self.now_s = 0.0
         self.sent: dict[int, Command] = {}
         self.told: list[int] = []
@@ -79,6 +88,8 @@ class Cell:
 
     def _serve(self, access: Access) -> Answer:
         self.accesses.append(access)
+        if self.invalid and access.operation == Operation.READ:
+            return Answer(access.idn, value=float(parse_idn(self.invalid)))
         return Answer(access.idn, self.refuses)
 
     def greet(self, _: Any) -> None:
@@ -124,7 +135,7 @@ class Cell:
 
     def come_up(self) -> 'Cell':
         """Let everybody answer until cyclic operation begins."""
-        for _ in range(60):
+        for _ in range(200):
             if self.robot.bus.cyclic:
                 break
             for name in PARTICIPANTS:
@@ -198,8 +209,17 @@ def test_master_of_a_sercos_ring_logs_the_times_of_its_telegrams() -> None:
 
 def test_master_of_a_sercos_ring_executes_the_transition_checks_of_the_drives() -> None:
     cell = Cell(robot=ROBOT.replace(bus__timing='sercos2')).come_up()
-    checks = [(format_idn(one.idn), one.operation) for one in cell.accesses]
+    checks = [
+        (format_idn(one.idn), one.operation) for one in cell.accesses if one.operation != Operation.WRITE
+    ]
     assert checks == [(idn, Operation.COMMAND) for idn in ('S-0-0127', 'S-0-0128') for _ in DRIVES]
+    # before, the times of the telegrams, each drive its own
+    times = [
+        (one.idn, one.value) for one in cell.accesses[: -2 * len(DRIVES)] if one.operation == Operation.WRITE
+    ]
+    expected = [times_to_write(ROBOT, index) for index in range(len(DRIVES))]
+    assert sorted(times) == sorted(one for of_drive in expected for one in of_drive)
+    assert [one.operation for one in cell.accesses].index(Operation.COMMAND) >= len(expected[0])
     assert not Cell().come_up().accesses
     refused = Cell(robot=ROBOT.replace(bus__timing='sercos2'))
     refused.refuses = ServiceError.COMMAND_NOT_EXECUTABLE
@@ -208,6 +228,15 @@ def test_master_of_a_sercos_ring_executes_the_transition_checks_of_the_drives() 
     assert refused.phases[-1] == Phase.CP2
     assert 'S-0-0127' in refused.fault
     assert '0x7012' in refused.fault
+
+
+def test_the_phase_up_fails_with_the_time_that_a_drive_rejects() -> None:
+    refused = Cell(robot=ROBOT.replace(bus__timing='sercos2'))
+    refused.refuses, refused.invalid = ServiceError.COMMAND_NOT_EXECUTABLE, 'S-0-0089'
+    with pytest.raises(AssertionError):
+        refused.come_up()
+    assert refused.fault.startswith('axis')
+    assert refused.fault.endswith('S-0-0089 MDT transmission starting time (t2) is missing or invalid')
 
 
 def test_participants_with_another_ring_keep_the_bus_in_cp2() -> None:

@@ -244,7 +244,13 @@ def continuous(found: PlanStudy, parameters: Parameters) -> Figure:
     figure = figure_of_program('Continuous torque', found.planned.name, 4.6)
     axes = figure.add_subplot(xlabel='motor speed [rpm]', ylabel='motor torque [N m]')
     speed = np.linspace(0.0, motor.max_speed_rad_s, CURVE_SAMPLES)
-    axes.plot(RPM * speed, continuous_torque(speed, parameters), color=INK, label='S1', **LINE)
+    axes.plot(
+        RPM * speed,
+        continuous_torque(speed, parameters),
+        color=INK,
+        label=f'S1 at {parameters.thermal.ambient_degc:g} degC',
+        **LINE,
+    )
     steps = np.gradient(s.time_s)
     for i, colour in enumerate(AXIS_COLOURS):
         rpm, torque = RPM * np.abs(s.motor_speed_rad_s[:, i]), np.abs(s.motor_torque_n_m[:, i])
@@ -253,8 +259,7 @@ def continuous(found: PlanStudy, parameters: Parameters) -> Figure:
         axes.plot(*mean, 'o', color=colour, markeredgecolor='white', label=f'axis {i + 1}, rms')
     keep_span([axes], 0.1)
     axes.set_ylim(bottom=0.0)
-    legend_above(axes)
-    panel_title(axes, f'at {parameters.thermal.ambient_degc:g} degC, including friction', color=MUTED)
+    axes.legend(loc='upper right')
     return figure
 
 
