@@ -25,6 +25,7 @@ COMMAND_GROUPS = {
         'io': 'list the inputs and outputs of a running robot; set inputs',
         'drive': 'read and write drive parameters by IDN through the service channel',
         'scope': 'oscilloscope in the drives: up to 16 kHz, with trigger and pre-trigger',
+        'commission': 'acceptance protocol of a running robot: every value with its limit, figures',
         'view': 'show a running robot or a recording in 3-D in the browser',
         'record': 'record a running robot into a rosbag2 folder',
     },

@@ -82,6 +82,12 @@ def _figures(summary):
     ]
 
 
+def _acceptance_checks(summary):
+    keys = ('group', 'name', 'value', 'unit', 'limit', 'passed')
+    titles = ('group', 'check', 'value', 'unit', 'limit', 'passed')
+    return [list(zip(titles, map(row.get, keys), strict=True)) for row in summary['checks']]
+
+
 def _commissioning_margins(summary):
     names = ('phase margin [deg]', 'crossover [Hz]', 'gain margin [dB]', 'gain margin at [Hz]')
     keys = ('phase_margin_deg', 'crossover_hz', 'gain_margin_db', 'gain_margin_hz')
@@ -362,6 +368,7 @@ TABLES = {
     'figures.csv': _figures,
     'ripple.csv': _ripple,
     'margins.csv': _commissioning_margins,
+    'checks.csv': _acceptance_checks,
     'mechanics.csv': _commissioning_mechanics,
     'effect.csv': _effect,
     'workspace.csv': _workspace,

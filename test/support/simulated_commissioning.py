@@ -2,6 +2,8 @@
 
 import json
 
+import numpy as np
+
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import ProgramError
@@ -13,6 +15,7 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import parse_idn
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.scoped import ScopedRobot
+from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun, RestRecord
 from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord
 
 AT_REST_S = 0.3  # recorded after the motion
@@ -91,3 +94,32 @@ class SimulatedRobot:
         (record,) = records
         columns = dict(zip(record.names, record.values.T, strict=True))
         return AxisRecord(strokes.axis, record.first, record.setting.sample_time_s, columns)
+
+
+class AcceptedRobot(SimulatedRobot):
+    """A simulated robot with the results of its test program, of its brakes and of its bus."""
+
+    def __init__(self, parameters, **results):
+        super().__init__(parameters)
+        self.tcp_error_m, self.moved_rad, self.lost = 0.1e-3, 1e-5, 0.0
+        self.temperature_degc = 40.0
+        vars(self).update(results)
+
+    def read(self, axis, idn):
+        known = {'S-0-0390': 0.0, 'S-0-0029': 0.0, 'S-0-0383': self.temperature_degc, 'S-0-0384': 30.0}
+        return known[idn] if idn in known else super().read(axis, idn)
+
+    def run_program(self, program):
+        figures = {
+            'tcp_error_max_m': self.tcp_error_m,
+            'current_peak_a': [5.0, 5.5, 6.0],
+            'current_rms_a': [2.0, 2.5, 3.0],
+        }
+        time_s = np.arange(100) * 1e-3
+        return ProgramRun(figures, time_s, 0.01 * np.sin(time_s[:, None] * [10.0, 20.0, 30.0]))
+
+    def rest(self):
+        return RestRecord(np.zeros((100, 3)), [self.moved_rad, 0.0, 0.0])
+
+    def bus(self):
+        return {'lost_telegrams': self.lost, 'lateness_s': 1e-3}

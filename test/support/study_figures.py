@@ -303,6 +303,11 @@ def measured_response(one, loop):
     ]
 
 
+def accepted_following_error(ran, program):
+    curves = [line(ran.following_error_rad[:, number], f'axis{number + 1}') for number in range(3)]
+    return f'Following error: {program}', [Panel('time', ran.time_s, 'following error', *curves)]
+
+
 def commissioned_loop(name, measured):
     def magnitude(axes):
         shown = [one for one in axes.lines if one.get_label().startswith('axis')]

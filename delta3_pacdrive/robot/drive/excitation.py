@@ -5,7 +5,7 @@ phases keep the crest factor low; the lines are spaced almost evenly on a logari
 
 The generator ends by itself after ``drive.excitation_time_s``, in the first bus cycle in which the drive does
 not follow its commands (fault, halt, stop, disabled), and when its client has not accessed the service channel of the
-drive for a second of bus time.
+drive for three seconds of bus time.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ LINES_PER_DECADE = 16
 PERIOD_S, LOWEST_HZ, HIGHEST_HZ = 0.25, 4.0, 1500.0
 RATE_SHARE = 0.4  # highest excited frequency, relative to the rate of a set point: aliases disturb above it
 DRIVE_LINES_PER_DECADE = 40  # a resonance must not hide between two lines
-UNATTENDED_S = 1.0  # without an access to the service channel before the generator stops
+UNATTENDED_S = 3.0  # without an access to the service channel before the generator stops
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,16 +14,18 @@ from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.operation.service_texts import DriveValues
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError
+from delta3_pacdrive.planning.program.adaptation import APPROACH_M_S, Adaptation
 from delta3_pacdrive.recording.acquisition import Record, setting
 from delta3_pacdrive.robot.drive.operation_data import START_EXCITATION, STOP_EXCITATION
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import format_idn
 from delta3_pacdrive.ros.clients.remote_parameters import RemoteParameters
 from delta3_pacdrive.ros.clients.scope_client import ScopeClient
+from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun, RestRecord
 from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.acquisition import Acquisition
@@ -36,6 +39,8 @@ CONTROL_S = 0.5  # within which a report shows who has control
 SAME_POSE_RAD = 1e-6  # of an arm
 ATTEND_S = 0.2  # period of accesses to the service channel that keep the generator running
 KEPT_S, AFTER_S = 10.0, 0.5  # recorded in addition to a motion; after it
+PROGRAM_MAX_S = 60.0  # recorded of a test program
+BRAKE_S, NOISE_S = 1.0, 0.5  # under the brakes: observed, and recorded at its end
 OWN = ('current_added', 'current_asked', 'current_reference', 'current', 'speed_filtered', 'encoder_position')
 TIME_IDN, ACTIVE_IDN = 'P-0-0092', 'P-0-0095'
 
@@ -133,19 +138,37 @@ class CommissioningRobot:
         parameters, axis = self.parameters, DRIVES[strokes.axis]
         names = [f'{axis}.{name}' for name in OWN]
         names += [f'{other}.encoder_position' for other in DRIVES if other != axis]
-        records: list[Record] = []
-        rate_hz = 1.0 / parameters.drive.current_period_s
-        chosen = setting(parameters, names, rate_hz, strokes.duration_s + KEPT_S, mode='rolling')
-        client = ScopeClient(self._operator, chosen, records.append)
         text = strokes.program(self._resume(), parameters.dynamics.gear_ratio)
-        try:
-            acquisition = client.arm(UP_S)
+
+        def move(client: ScopeClient, acquisition: Acquisition) -> None:
             before = self.channel.read(axis, TIME_IDN)
             self.channel.write(axis, TIME_IDN, 2.0 * strokes.duration_s)
             try:
-                self._move(text, axis if excited else '', client, acquisition)
+                self._move(
+                    partial(self._operator.start_program, text), axis if excited else '', client, acquisition
+                )
             finally:
                 self._end(axis, before)
+
+        rate_hz = 1.0 / parameters.drive.current_period_s
+        record = self._recorded(names, rate_hz, strokes.duration_s + KEPT_S, move)
+        columns = dict(zip(record.names, record.values.T, strict=True))
+        return AxisRecord(strokes.axis, record.first, record.setting.sample_time_s, columns)
+
+    def _recorded(
+        self,
+        names: Sequence[str],
+        rate_hz: float,
+        kept_s: float,
+        act: Callable[[ScopeClient, Acquisition], None],
+    ) -> Record:
+        """Act while the oscilloscopes record; return the newest ``kept_s`` of the channels."""
+        records: list[Record] = []
+        chosen = setting(self.parameters, names, rate_hz, kept_s, mode='rolling')
+        client = ScopeClient(self._operator, chosen, records.append)
+        try:
+            acquisition = client.arm(UP_S)
+            act(client, acquisition)
             self._spin_for(AFTER_S, client, acquisition)
         finally:
             client.disarm()
@@ -153,12 +176,58 @@ class CommissioningRobot:
             self._operator.interruptible = True
         acquisition.finish()
         if acquisition.lost:
-            raise RunError(
-                f'{acquisition.lost} samples of {axis} were lost during the motion: repeat the command'
-            )
+            raise RunError(f'{acquisition.lost} samples were lost during the record: repeat the command')
         (record,) = records
-        columns = dict(zip(record.names, record.values.T, strict=True))
-        return AxisRecord(strokes.axis, record.first, record.setting.sample_time_s, columns)
+        return record
+
+    # acceptance -------------------------------------------------------------------------------------------------------
+
+    def run_program(self, program: str) -> ProgramRun:
+        """Move to the start of a program, execute it, and return its figures."""
+        self._resume()
+        start = partial(self._operator.start_program, program, Adaptation(approach_m_s=APPROACH_M_S))
+
+        def move(client: ScopeClient, acquisition: Acquisition) -> None:
+            self._move(start, '', client, acquisition)
+
+        names = [f'{axis}.following_error' for axis in DRIVES]
+        rate_hz = 1.0 / self.parameters.bus.cycle_time_s
+        record = self._recorded(names, rate_hz, PROGRAM_MAX_S, move)
+        self._pose_rad = None  # the program ends at another pose
+        self._operator.wait_until(
+            lambda: self._operator.progress.statistics.get('figures'), 'figures of the program'
+        )
+        figures = self._operator.progress.statistics['figures']
+        return ProgramRun(figures, record.time_s - record.time_s[0], record.values)
+
+    def rest(self) -> RestRecord:
+        """Disable the drives, record their encoders under the brakes, and enable them again."""
+        operator = self._operator
+        self._resume()
+        before = [self.channel.read(axis, 'S-0-0051') for axis in DRIVES]
+        operator.enable(False)
+        operator.wait_until(lambda: not operator.progress.in_torque, 'drives without torque')
+
+        def rest(client: ScopeClient, acquisition: Acquisition) -> None:
+            self._spin_for(BRAKE_S, client, acquisition)
+
+        try:
+            names = [f'{axis}.S-0-0051' for axis in DRIVES]
+            record = self._recorded(names, 1.0 / self.parameters.bus.cycle_time_s, NOISE_S, rest)
+            after = [self.channel.read(axis, 'S-0-0051') for axis in DRIVES]
+        finally:
+            operator.enable(True)
+        operator.wait_until(lambda: operator.progress.in_torque, 'enabled drives', UP_S)
+        return RestRecord(record.values, [now - then for then, now in zip(before, after, strict=True)])
+
+    def bus(self) -> dict[str, float]:
+        """Return statistics of the bus."""
+        statistics = self._operator.progress.statistics
+        lateness = statistics.get('lateness_ms', {}).get('max', 0.0)
+        return {
+            'lost_telegrams': float(self._operator.progress.lost_telegrams),
+            'lateness_s': 1e-3 * float(lateness or 0.0),
+        }
 
     def _end(self, axis: str, time_s: float) -> None:
         """Stop the generator and restore its duration, also after an interrupt."""
@@ -170,12 +239,14 @@ class CommissioningRobot:
         finally:
             self._operator.interruptible = before
 
-    def _move(self, text: str, excited: str, client: ScopeClient, acquisition: Acquisition) -> None:
-        """Execute a program to its end, with an excited axis; an interrupt stops it on its path."""
+    def _move(
+        self, start: Callable[[], str], excited: str, client: ScopeClient, acquisition: Acquisition
+    ) -> None:
+        """Execute a motion to its end, with an excited axis; an interrupt stops it on its path."""
         operator = self._operator
         changes = operator.state_changes
         try:
-            operator.start_program(text)
+            start()
             operator.wait_until(lambda: operator.state_changes > changes, 'start of the motion')
             if excited:
                 operator.drive(f'{excited} command {format_idn(START_EXCITATION)}')

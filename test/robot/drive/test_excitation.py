@@ -25,7 +25,7 @@ def is_excited(drive):
     return bool(drive.state['excited'][0])
 
 
-def excited_cycles(drive, limit=3000, **more):
+def excited_cycles(drive, limit=5000, **more):
     """Return the cycles in which the generator adds to the current set point."""
     for cycle in range(limit):
         stand(drive, 0.0, **more)
@@ -82,7 +82,7 @@ def test_generator_ends_after_its_time_and_leaves_no_current(robot):
     assert drive.start_excitation(short(robot))  # again
 
 
-def test_generator_ends_a_second_after_the_last_access_of_its_client(robot):
+def test_generator_ends_a_time_after_the_last_access_of_its_client(robot):
     drive = enabled_drive(robot)
     drive.start_excitation(short(robot, 60.0))
     stand(drive, 0.0, 500)
