@@ -149,10 +149,6 @@ def test_every_writable_idn_takes_its_limits_and_nothing_beyond(row, filtering):
     assert filtering.register.parameters is filtering.changes[-1]
 
 
-# the generator uses its parameters when it starts
-IN_LOOPS = [row for row in WRITABLE if row.group != Group.EXCITATION]
-
-
 @pytest.mark.parametrize('row', IN_LOOPS, ids=lambda row: format_idn(row.idn))
 def test_every_writable_idn_reaches_the_loops_of_a_running_drive(row, filtering):
     for value in row.limits:
