@@ -156,7 +156,7 @@ def search(
     # start from the values of the first model
     start = {q.symbol: float(v) for q, v in zip(first[0], first[1], strict=True)}
     for number in range(2):
-        on_progress('searching for missing effects', number, 2)
+        on_progress('the model does not explain the data; searching for missing effects', number, 2)
         free = (*first[0], *(q for q in more if q.is_on(built)))
         problem = Problem(free, build(built), with_values(built, {}))
         begin = np.array([start.get(q.symbol, q.read(built)) for q in free])

@@ -185,7 +185,6 @@ class Study(studies.Study):
             for model in self.models(trace, self.model_robot)
         ]
         verdict = check(problem, found, aside)
-        self.on_progress(verdict.sentences[0], 0, 0)
         better = None if verdict.holds else self._search(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, verdict, better, self.robot, self._simulates)
