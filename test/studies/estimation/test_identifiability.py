@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.studies.estimation.identifiability import Verdict, analyse, analyse_jacobian
 from delta3_pacdrive.studies.estimation.models import TorqueModel
-from delta3_pacdrive.studies.estimation.quantities import start_values
+from delta3_pacdrive.studies.estimation.problem import Block, Problem
+from delta3_pacdrive.studies.estimation.quantities import TABLE, start_values
 from delta3_pacdrive.studies.estimation.replay_model import ReplayModel
 from delta3_pacdrive.studies.estimation.solver import whiteness_of
 from estimated import EXACT, errors, estimate_from, problem_of, shown
@@ -106,3 +108,49 @@ def test_whiteness_of_residuals_is_tested():
         coloured[n] += 0.9 * coloured[n - 1]
     assert whiteness_of(noise).lag == 1
     assert 10 < whiteness_of(coloured).lag < 40  # 0.9^lag falls below 0.1 at 22
+
+
+def test_a_prior_separates_collinear_quantities_and_contributes_its_variance():
+    a = np.random.default_rng(3).standard_normal(1000)
+    columns = np.stack([a, 2.0 * a], axis=-1)
+    alone = analyse_jacobian([columns], ['own', 'setting'], 1e-8)
+    assert alone.verdict('own') is Verdict.CONFOUNDED
+    sigma = 0.05
+    found = analyse_jacobian([columns], ['own', 'setting'], 1e-8, (), np.array([0.0, 1.0 / sigma]))
+    assert found.estimated == (0, 1)
+    own, setting = found.findings
+    # own + 2 setting is measured with 1/|a|, and the setting is only known by its prior
+    assert own.relative_error == pytest.approx(np.hypot(1.0 / np.linalg.norm(a), 2.0 * sigma), rel=1e-9)
+    assert setting.relative_error == pytest.approx(sigma, rel=1e-9)
+    assert setting.sensitivity == pytest.approx(2.0 * np.linalg.norm(a), rel=1e-12)  # of the signals alone
+
+
+class Border:
+    """A model that is unstable beyond a value of K_m: residuals equal to its square."""
+
+    blocks = (Block('current', 'A', 1.0, 1e-3),)
+    shapes = ((4, 3),)
+    depends = frozenset({'K_m'})
+    step, accuracy = 1e-3, 1e-6
+
+    def __init__(self, lowest, highest):
+        self._lowest, self._highest = lowest, highest
+
+    def residuals(self, values):
+        inside = self._lowest <= values['K_m'] <= self._highest
+        return [np.full((4, 3), values['K_m'] ** 2 if inside else np.nan)]
+
+
+@pytest.mark.parametrize(
+    ('lowest', 'highest', 'rel'), [(0.0, 9.0, 1e-9), (0.78, 9.0, 1e-3), (0.0, 0.78, 1e-3)]
+)
+def test_slopes_at_the_border_of_stability_are_one_sided(lowest, highest, rel, robot):
+    problem = Problem([TABLE['K_m']], [Border(lowest, highest)], robot)
+    (slopes,) = problem.jacobian(np.array([0.78]))
+    assert slopes == pytest.approx(2.0 * 0.78 * 0.78, rel=rel)  # per K_m
+
+
+def test_a_model_that_is_unstable_on_both_sides_is_rejected_with_the_quantity(robot):
+    problem = Problem([TABLE['K_m']], [Border(0.78, 0.78)], robot)
+    with pytest.raises(EstimationError, match=r'unstable with K_m near 0\.78 N m/A: check signs'):
+        problem.jacobian(np.array([0.78]))
