@@ -99,7 +99,7 @@ def friction_torque(speed, m):
 
 @kernel
 def warm_friction_torque(speed, share, m):
-    """Friction torque at the shaft if the viscous friction has fallen to a share."""
+    """Friction torque at the shaft if the viscous friction has fallen to a ``share`` of F_v."""
     return m.static_friction * math.tanh(speed / m.friction_smoothing) + share * m.viscous_friction * speed
 
 

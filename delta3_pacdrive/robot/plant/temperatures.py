@@ -13,8 +13,6 @@ Arguments of the kernels here:
     Array of records ``BODIES``, one for each axis.
 ``currents``
     Currents [A rms] of an exchange period, shape (steps, axes).
-``s``
-    Record ``STATE``.
 """
 
 import math
