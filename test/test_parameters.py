@@ -85,7 +85,11 @@ RING = {
     f'bus.{name}' for name in ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')
 }
 OPTIONAL |= {'motion.tcp_speed_limit_m_s', 'drive.excitation_rms_a', 'drive.excitation_time_s'} | RING
-OPTIONAL |= {name for name in FIELDS if name.startswith(('gear.', 'joints.', 'thermal.'))}
+OPTIONAL |= {
+    name
+    for name in FIELDS
+    if name.startswith(('gear.', 'joints.', 'thermal.', 'mounting.', 'commissioning.'))
+}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,

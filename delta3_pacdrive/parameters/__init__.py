@@ -1,6 +1,7 @@
 """Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, rules between values, and parameter files."""
 
 from delta3_pacdrive.axes import ARMS, AXES_MAX, ROTARY_AXES_MAX, numbered
+from delta3_pacdrive.parameters.commissioning import Commissioning, Mounting
 from delta3_pacdrive.parameters.file import (
     DEFAULT_FILE,
     MODEL_CONTROLLER,
@@ -46,6 +47,7 @@ from delta3_pacdrive.parameters.records import (
 from delta3_pacdrive.parameters.robot import (
     PLANTS,
     Parameters,
+    commissioned,
     flat_document,
     flatten,
     from_flat,
@@ -90,6 +92,7 @@ __all__ = [
     'ZVD',
     'ArmDeviations',
     'Bus',
+    'Commissioning',
     'Control',
     'Drive',
     'Dynamics',
@@ -98,11 +101,13 @@ __all__ = [
     'Kinematics',
     'Motion',
     'Motor',
+    'Mounting',
     'Parameters',
     'Rich',
     'Rotary',
     'Supply',
     'Thermal',
+    'commissioned',
     'config_directory',
     'find',
     'flat_document',

@@ -13,6 +13,7 @@ from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.strict_reader import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.bus_timing import BusTiming, bus_timing, cyclic_bytes
+from delta3_pacdrive.parameters.commissioning import Commissioning, Mounting
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import notches
 from delta3_pacdrive.parameters.records import (
@@ -60,6 +61,8 @@ class Parameters:
     rotary_2: Rotary = field(default_factory=Rotary)
     supply: Supply = field(default_factory=Supply)
     thermal: Thermal = field(default_factory=Thermal)
+    mounting: Mounting = field(default_factory=Mounting)
+    commissioning: Commissioning = field(default_factory=Commissioning)
 
     def __post_init__(self) -> None:
         """Check the rules between values."""
@@ -211,7 +214,8 @@ class Parameters:
 
         Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears, of
         joints and of drives that warm up are excluded if they are not enabled, so that the digests of such robots do
-        not change. Without ``thermal.in_drives``, temperatures follow from a run and do not change it.
+        not change; so are those of a neutral mounting with its procedures. Without ``thermal.in_drives``, temperatures
+        follow from a run and do not change it.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
@@ -224,6 +228,8 @@ class Parameters:
                 ('gear', self.gear.limit_moves),
                 ('joints', self.joints.limit_moves),
                 ('thermal', self.thermal.in_drives),
+                ('mounting', not self.mounting.neutral),
+                ('commissioning', not self.mounting.neutral),
             )
             if not is_used
         ]
@@ -275,6 +281,11 @@ _FIELDS_WITH = tuple(
 def groups() -> dict[str, Any]:
     """Return the group classes by name, in the order of the file."""
     return dict(_GROUPS)
+
+
+def commissioned(parameters: Parameters) -> Parameters:
+    """Return ``parameters`` of a robot whose drives know all offsets."""
+    return parameters if parameters.mounting.neutral else replace(parameters, mounting=Mounting())
 
 
 def flatten(parameters: Parameters, absent: bool = False) -> dict[str, Any]:
@@ -403,6 +414,12 @@ def rotary_axis_parameters(parameters: Parameters, number: int) -> Parameters:
             # the filters of the arms' drives are tuned to the resonances of the arms
             notch_1_frequency_hz=0.0,
             notch_2_frequency_hz=0.0,
+        ),
+        mounting=Mounting(),
+        commissioning=replace(
+            p.commissioning,
+            alignment_current_a=min(p.commissioning.alignment_current_a, rotary.nominal_current_a),
+            brake_test_torque_n_m=min(p.commissioning.brake_test_torque_n_m, 0.8 * rotary.brake_torque_n_m),
         ),
         rich=replace(
             p.rich,

@@ -30,11 +30,11 @@ SHOWN = {
     'mc4_drive': (
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
         'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control', 'supply',
-        'thermal',
+        'thermal', 'mounting', 'commissioning',
     ),
     'plant': (
         'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'rotary_2', 'drive.current_period_s',
-        'motion.home_m', 'supply', 'thermal', 'drive.dc_link_voltage_v',
+        'motion.home_m', 'supply', 'thermal', 'mounting', 'drive.dc_link_voltage_v',
     ),
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),
@@ -120,7 +120,10 @@ OWN: dict[str, tuple[Own, ...]] = {
         Own('shared_clock', '', 'file of the bus clock shared by several robots; empty: a separate clock'),
         Own('clock_member', 0, 'number of this robot on that clock', 0, 9),
     ),
-    'mc4_drive': (Own('axis', 0, 'number of the axis: 1 to 3, or from 4 on for a rotary axis', 0, len(ALL_DRIVES)),),
+    'mc4_drive': (
+        Own('axis', 0, 'number of the axis: 1 to 3, or from 4 on for a rotary axis', 0, len(ALL_DRIVES)),
+        Own('memory', '', 'file of the data stored by S-0-0264; empty: they cannot be stored'),
+    ),
     'plant': (
         Own('cell', '', 'cell file: gripper, parts, sensors and belts of the robot; empty: none'),
         Own(
