@@ -42,6 +42,10 @@ ROBOT = np.dtype(
         ('bodies', BODIES, (AXES_MAX,)),
         ('warms', 'i8'),  # motors, gears and drives warm up
         ('exchanges', 'i8'),  # per bus cycle
+        # axes whose motors and encoders are connected to the drives; ``crossed`` if any is not that of its drive
+        ('motors', 'i8', (AXES_MAX,)),
+        ('encoders', 'i8', (AXES_MAX,)),
+        ('crossed', 'i8'),
         ('received', 'i8', (AXES_MAX,)),  # whether a drive receives the MDT
         ('status', 'i8', (AXES_MAX,)),  # S-0-0135
         # rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
@@ -65,6 +69,25 @@ def _shaft(i, r):
     if i < ARMS:
         return shafts[i], shafts[3 + i], shafts[6 + i]
     return own[0], own[1], own[2]
+
+
+@kernel
+def _feed_back(axes, r):
+    """Give the shafts of their encoders to the first ``axes`` drives of the record ``r``."""
+    for i in range(axes):
+        s = r.drives[i].state
+        s.feedback_position, s.feedback_speed, _ = _shaft(r.encoders[i], r)
+
+
+@kernel
+def _cross(axes, r, currents):
+    """Give the currents and brake outputs of the first ``axes`` drives of the record ``r`` to their motors."""
+    for i in range(axes):
+        motor = r.motors[i]
+        if motor > i:  # a pair
+            r.brakes[i], r.brakes[motor] = r.brakes[motor], r.brakes[i]
+            for n in range(currents.shape[0]):
+                currents[n, i], currents[n, motor] = currents[n, motor], currents[n, i]
 
 
 @kernel
@@ -121,14 +144,20 @@ def robot_cycle(motors, control, payload_kg, robot, built, currents):
         _supply(axes, r)
     if r.warms != 0:
         _warm(axes, r)
+    if r.crossed != 0:
+        _feed_back(axes, r)
     for i in range(axes):
-        received = r.received[i] != 0
-        r.status[i] = mc4_begin_cycle(received, motors[i], r.torques[i], control, _shaft(i, r), drives, i)
+        received, shaft = r.received[i] != 0, _shaft(r.motors[i], r)
+        r.status[i] = mc4_begin_cycle(received, motors[i], r.torques[i], control, shaft, drives, i)
         for row in range(3):
             r.answers[row, i] = drives[i].state.answer[row]
     for _ in range(r.exchanges):
+        if r.crossed != 0:
+            _feed_back(axes, r)
         for i in range(axes):
-            r.brakes[i] = mc4_run_period(_shaft(i, r), drives, i, currents)
+            r.brakes[i] = mc4_run_period(_shaft(r.motors[i], r), drives, i, currents)
+        if r.crossed != 0:
+            _cross(axes, r, currents)
         advance(currents, r.brakes, r.payload, plant, built)
         for i in range(ARMS, axes):
             advance_rotary(currents, i, r.brakes[i], plant[0].state.carried, r.rotary, i - ARMS)
@@ -220,6 +249,10 @@ class Robot:
         self.answers: Floats = self.record['answers'][0, :, :axes]
         self._torques: Floats = self.record['torques'][0, :axes]
         self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
+        own, wiring = list(range(AXES_MAX)), parameters.mounting
+        self.record['motors'] = [wiring.motor_of(index) for index in own]
+        self.record['encoders'] = [wiring.encoder_of(index) for index in own]
+        self.record['crossed'] = wiring.crossed
         self.grip(payload_on_grid(parameters.dynamics.payload_mass_kg))
 
     def grip(self, payload_kg: float) -> None:

@@ -11,7 +11,7 @@ from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import ARMS, Parameters, flat_document, numbered
+from delta3_pacdrive.parameters import ARMS, Parameters, commissioned, flat_document, numbered
 from delta3_pacdrive.planning import plan_times, program_planner
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.planning.program.model import Program
@@ -59,7 +59,7 @@ def plan_of(
         Parameters of the plant if they differ from those of the controller; its encoders determine the position.
 
     """
-    robot = Robot(parameters if machine is None else machine)
+    robot = Robot(commissioned(parameters if machine is None else machine))
     return program_planner.plan(
         program, Transformation(parameters).locate(robot.encoder_positions()), parameters
     )
@@ -115,6 +115,11 @@ def run(
     """
     parameters = placed(parameters, program)
     built = parameters if machine is None else placed(machine, program)
+    if not built.mounting.homed_at_start:
+        raise RunError(
+            'the axes are not homed (mounting.commissioned, mounting.encoder): a simulated program needs a '
+            'commissioned robot; delta3 up starts one that is not'
+        )
     robot = Robot(built) if acquisition is None else ScopedRobot(built, acquisition)
     task = Transformation(parameters, learned)
     tcp = task.locate(robot.encoder_positions())

@@ -21,7 +21,7 @@ from delta3_pacdrive.numerics.kernel import (
     shared,
     watched,
 )
-from delta3_pacdrive.parameters import Parameters, flat_document
+from delta3_pacdrive.parameters import Parameters, commissioned, flat_document
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.limits.limits import Limits, check_speed
 from delta3_pacdrive.planning.limits.supply import load_of_motion
@@ -29,6 +29,8 @@ from delta3_pacdrive.planning.limits.temperature import sampled_heat_load
 from delta3_pacdrive.planning.program.model import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.robot.drive.channels import CHANNELS
 from delta3_pacdrive.robot.drive.mc4 import MC4
+from delta3_pacdrive.robot.drive.mounting import INVERTED
+from delta3_pacdrive.robot.drive.procedures import Procedure
 from delta3_pacdrive.robot.drive.scope import DriveScope
 from delta3_pacdrive.robot.plant.dc_link import DcLink, advance_link
 from delta3_pacdrive.robot.plant.plant import Plant
@@ -51,7 +53,7 @@ def load_kernels(parameters: Parameters) -> None:
 
     """
     compile_kernels(parameters)
-    _stand(parameters)
+    _stand(commissioned(parameters))
 
 
 Show = Callable[[int, int], None]
@@ -129,6 +131,7 @@ def precompile_parts(number: int, parameters: Parameters) -> None:
         Parameters of the robot that will run.
 
     """
+    parameters = commissioned(parameters)
     with shared():
         for part in _ORDERS[number]:
             part(parameters)
@@ -152,7 +155,7 @@ def precompile(parameters: Parameters) -> None:
 
     """
     compile_kernels(parameters)
-    _call_all(parameters)
+    _call_all(commissioned(parameters))
 
 
 def load_cyclic_kernels(parameters: Parameters) -> None:
@@ -167,7 +170,7 @@ def load_cyclic_kernels(parameters: Parameters) -> None:
 
     """
     for part in (_precompile_plant, _precompile_drive, _precompile_task):
-        part(parameters)
+        part(commissioned(parameters))
 
 
 def _call_all(parameters: Parameters) -> None:
@@ -217,6 +220,11 @@ def _precompile_drive(parameters: Parameters) -> None:
     drive.powered  # noqa: B018 (calls a kernel)
     drive.clear_fault()
     drive.extrapolate_cycle(*shaft)
+    drive.start_procedure(Procedure.HOMING)
+    drive.cancel_procedure()
+    drive.encoder_position(shaft[0])
+    drive.set_data('polarity', 0.0)
+    drive.set_data('polarity', INVERTED)
     scope = DriveScope(drive, tuple(CHANNELS.values()), 1, lambda: parameters, lambda _: None)
     scope.run_period(0, *shaft)
     scope.flush()

@@ -61,6 +61,7 @@ class DriveState(IntEnum):
     HOLDING = 5  # brake being applied, current loop still on
     FAULT = 6  # power off, brake applied, cause latched
     HALTED = 7  # at rest or stopping, in torque, does not follow the command
+    PROCEDURE = 8  # executes a procedure command with its own set points, without the other axes
 
 
 IMPLAUSIBLE_SPEED = 1.5  # encoder step within one cycle, relative to the trip speed
@@ -180,6 +181,48 @@ STATE = np.dtype(
         ('held_torque', 'f8'),  # [N m]
         ('held_control', 'i8'),  # its real-time control bits apply at once
         ('place', 'i8'),  # of the drive in the ring, from 0
+        # wiring and mounting: see ``mounting``; the angles are those of the motor shaft
+        ('mounted', 'i8'),  # the fields below have an effect
+        ('encoder_on', 'i8'),  # switched on
+        ('encoder_kind', 'i8'),  # index of ``parameters.commissioning.ENCODERS``
+        ('encoder_sign', 'f8'),  # m: 1 or -1
+        ('encoder_mount', 'f8'),  # reading at the zero point [rad]
+        ('encoder_origin', 'f8'),  # o [rad], since the encoder was switched on
+        ('apart', 'i8'),  # motor and encoder belong to different axes
+        ('feedback_position', 'f8'),  # [rad], of the shaft of such an encoder
+        ('feedback_speed', 'f8'),  # [rad/s]
+        ('rotor_offset', 'f8'),  # r [rad, electrical]
+        ('field_sign', 'f8'),  # -1: two phases are exchanged
+        ('switch_position', 'f8'),  # [rad], of the home switch
+        # stored data of the drive
+        ('polarity', 'f8'),  # S-0-0055
+        ('field_inverted', 'f8'),  # P-0-0509
+        ('commutation_offset', 'f8'),  # P-0-0508 [rad, electrical]
+        ('commutated', 'i8'),  # the commutation offset is known
+        ('homed', 'i8'),  # S-0-0403
+        ('reference_distance', 'f8'),  # S-0-0052 [rad]
+        ('reference_offset', 'f8'),  # S-0-0150 [rad]
+        ('travel_min', 'f8'),  # S-0-0050 [rad]
+        ('travel_max', 'f8'),  # S-0-0049 [rad]
+        # procedure command: see ``procedures``
+        ('procedure', 'i8'),  # the last one
+        ('acknowledgement', 'i8'),
+        ('procedure_step', 'i8'),
+        ('procedure_timer', 'i8'),  # [cycles] in the step
+        ('procedure_error', 'i8'),  # message number
+        ('procedure_result', 'f8'),
+        ('procedure_power', 'i8'),  # control of the motor
+        ('procedure_current', 'f8'),  # [A]
+        ('procedure_speed', 'f8'),  # of the set point [rad/s]
+        ('procedure_start', 'f8'),  # position at its begin [rad]
+        ('procedure_sum', 'f8'),
+        ('procedure_count', 'i8'),
+        ('procedure_value', 'f8'),
+        ('field_angle', 'f8'),  # [rad, electrical]
+        ('field_start', 'f8'),  # before its turn
+        ('blocked_cycles', 'i8'),
+        ('last_way', 'f8'),  # measured in the last cycle [rad]
+        ('against_cycles', 'i8'),  # in which the motor gained speed against its torque
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
         ('status', 'i8'),  # S-0-0135
@@ -263,8 +306,6 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('observer_inertia', 'f8', lambda p: p.drive.observer_arm_inertia_kg_m2 / p.dynamics.gear_ratio**2),  # motor side
     # of the warning; trip at eight times this value
     ('following_error_limit', 'f8', lambda p: p.drive.following_error_limit_rad),
-    ('travel_min', 'f8', lambda p: math.radians(p.dynamics.end_stop_min_deg) * p.dynamics.gear_ratio),  # [rad]
-    ('travel_max', 'f8', lambda p: math.radians(p.dynamics.end_stop_max_deg) * p.dynamics.gear_ratio),
     # [rad], per cycle
     ('encoder_step_max', 'f8',
      lambda p: IMPLAUSIBLE_SPEED * p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
@@ -274,6 +315,18 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('motor_limit', 'f8', lambda p: _threshold(p, p.thermal.winding_limit_degc)),
     ('sink_warning', 'f8', lambda p: _threshold(p, p.thermal.sink_warning_degc)),
     ('sink_limit', 'f8', lambda p: _threshold(p, p.thermal.sink_limit_degc)),
+    # procedure commands
+    ('homing_speed', 'f8', lambda p: p.commissioning.homing_speed_rad_s),
+    ('homing_acceleration', 'f8', lambda p: p.commissioning.homing_acceleration_rad_s2),
+    ('stop_torque', 'f8', lambda p: p.commissioning.stop_torque_n_m),
+    ('alignment_current', 'f8', lambda p: p.commissioning.alignment_current_a),
+    ('brake_test_torque', 'f8', lambda p: p.commissioning.brake_test_torque_n_m),
+    # [rad], the end stops
+    ('travel_least', 'f8', lambda p: math.radians(p.dynamics.end_stop_min_deg) * p.dynamics.gear_ratio),
+    ('travel_most', 'f8', lambda p: math.radians(p.dynamics.end_stop_max_deg) * p.dynamics.gear_ratio),
+    # [rad], of a shaft that is pressed against its lower end stop with the torque above
+    ('stop_reference', 'f8', lambda p: math.radians(p.dynamics.end_stop_min_deg) * p.dynamics.gear_ratio
+     - p.commissioning.stop_torque_n_m * p.dynamics.gear_ratio**2 / p.dynamics.end_stop_stiffness_n_m_rad),
     ('overload_time', 'f8', lambda p: p.drive.overload_time_s),
     ('settle_cycles', 'i8', lambda p: _cycles(p, p.drive.enable_settle_s)),
     ('release_cycles', 'i8', lambda p: _cycles(p, p.motor.brake_release_s) + 1),

@@ -3,7 +3,7 @@
 Free of ROS: telegrams arrive as calls, and a ``DrivePort`` sends.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
@@ -53,6 +53,9 @@ class DrivePort(Protocol):
     def changed(self, parameters: Parameters, cycle: int) -> None:
         """Handle parameters changed over the service channel in a bus cycle."""
 
+    def back_up(self, data: Mapping[str, float]) -> bool:
+        """Store data of the drive permanently; return whether that is possible."""
+
     def refuse(self, reason: str) -> None:
         """Report a rejected telegram."""
 
@@ -67,6 +70,8 @@ class BusDrive:
     ----------
     parameters, index
         Parameters of the robot, and axis number: 0 to 2, or from 3 on for a rotary axis.
+    stored
+        Data of an earlier backup, which replace those of the parameters.
 
     """
 
@@ -78,6 +83,7 @@ class BusDrive:
         port: DrivePort,
         poll_s: float,
         now_s: Callable[[], float],
+        stored: Mapping[str, float] | None = None,
     ) -> None:
         self._axis, self._port, self._now_s = ALL_DRIVES[index], port, now_s
         own, number = own_parameters(parameters, index)
@@ -90,7 +96,16 @@ class BusDrive:
         self._sampled_with = own  # parameters of the samples since the last flush
         self.drive, self.slave = MC4(own, number), BusSlave()
         self.drive.state['place'] = index
-        self.register = Register(own, self._actual, self._configure, self.drive.clear_fault, self._excite)
+        self.drive.restore_data(stored or {})
+        self.register = Register(
+            own,
+            self._actual,
+            self._configure,
+            self.drive.clear_fault,
+            self._excite,
+            drive=self.drive,
+            back_up=lambda: port.back_up(self.drive.stored_data()),
+        )
         callbacks = Callbacks(
             serve=self._serve,
             send_answer=port.send_answer,

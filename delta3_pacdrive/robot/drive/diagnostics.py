@@ -41,6 +41,7 @@ class DriveFault(IntEnum):
     RESISTOR = 14
     MOTOR_TEMPERATURE = 15
     DRIVE_TEMPERATURE = 16
+    COMMUTATION = 17
 
 
 class DriveWarning(IntFlag):
@@ -93,6 +94,24 @@ FAULTS = {
         'winding of the motor too hot'),
     DriveFault.DRIVE_TEMPERATURE: Diagnostic(8917, 3, Reaction.BD2, Class1.DRIVE_TEMPERATURE,
         'heat sink of the drive too hot'),
+    # a controlled stop would need the torque that is missing
+    DriveFault.COMMUTATION: Diagnostic(8920, 3, Reaction.AD, Class1.COMMUTATION,
+        'commutation unknown, or motor gains speed against its torque'),
+}
+
+# messages of procedure commands, which do not stop the drive: it has stopped the procedure
+PROCEDURE_MESSAGES = {
+    8921: 'motor phases exchanged: the shaft turns against the field (correct the wiring, or P-0-0509 = 1)',
+    8922: 'encoder counts backwards while the arm sinks (correct the wiring, or S-0-0055 = 4)',
+    8923: 'encoder does not follow the motor: two cables of encoders or of motors are exchanged, or a brake is closed',
+    8924: 'motion blocked: more torque than P-0-0521',
+    8925: 'home switch or end stop not found within the travel range',
+    8926: 'holding brake slips at the test torque P-0-0523',
+    8927: 'commutation offset unknown: align it first (P-0-0524)',
+    8928: 'direction of the encoder not determined: the arm does not sink without torque',
+    8929: 'axis not homed: home it first (S-0-0148)',
+    8930: 'procedure ended by the drive or the master',
+    8931: 'position outside the travel range of the end stops',
 }
 WARNINGS = {
     DriveWarning.FOLLOWING_ERROR: Diagnostic(8132, 2, Reaction.NONE, Class2.MANUFACTURER,

@@ -14,7 +14,8 @@ from delta3_pacdrive.robot.sercos.service_channel import Access, Answer
 from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 
 PARTING_CYCLES = 100  # bus cycles that a drive stays on the bus after the longest stop
-Shaft = tuple[float, float, float]  # position, speed, coupling torque
+# position, speed, coupling torque; of an encoder at another axis also its position and speed
+Shaft = tuple[float, float, float] | tuple[float, float, float, float, float]
 Supply = tuple[float, ...]  # voltage, readiness and resistor load of the DC link
 Warmth = tuple[float, ...]  # winding, housing and heat sink [degC], relative viscous friction
 
@@ -175,6 +176,9 @@ class DriveClock:
             shaft = self._shafts.get(exchange)
             if shaft is None:
                 return
+            if len(shaft) == 5:
+                drive.take_feedback(*shaft[3:])
+                shaft = shaft[:3]
             cycle, within = divmod(exchange, self._per_cycle)
             if within == 0:
                 if self._supplied:

@@ -1,6 +1,6 @@
 """One MC-4 drive between two exchanges with the plant."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.drive import cascade, sensors, state_machine
+from delta3_pacdrive.robot.drive import cascade, mounting, sensors, state_machine
 from delta3_pacdrive.robot.drive.arrays import (
     DRIVE,
     EXCITATION_MAX,
@@ -27,7 +27,16 @@ from delta3_pacdrive.robot.drive.current_figures import (
 from delta3_pacdrive.robot.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.robot.drive.excitation import Generator
 from delta3_pacdrive.robot.drive.notch import settle_notches
+from delta3_pacdrive.robot.drive.procedures import (
+    IN_PROGRESS,
+    Procedure,
+    advance_procedure,
+    cancel_procedure,
+    sample_again,
+    start_procedure,
+)
 from delta3_pacdrive.robot.drive.shaft_observer import advance_observer, reset_observer
+from delta3_pacdrive.robot.drive.state_machine import FIELD, POSITION, PROCEDURE
 from delta3_pacdrive.robot.motor import (
     phase_currents,
     phase_voltage_max,
@@ -38,6 +47,20 @@ from delta3_pacdrive.robot.motor_heat import resistance_share, torque_share
 from delta3_pacdrive.robot.sercos.increments import to_increments
 from delta3_pacdrive.robot.sercos.words import payload_on_grid
 
+# fields of ``STATE`` that a backup keeps
+STORED_DATA = (
+    'polarity',
+    'field_inverted',
+    'commutation_offset',
+    'commutated',
+    'absolute_distance',
+    'homed',
+    'reference_distance',
+    'reference_offset',
+    'travel_min',
+    'travel_max',
+)
+
 
 @kernel
 def _encoder(position, s, c):
@@ -46,10 +69,14 @@ def _encoder(position, s, c):
     Includes the errors of the encoder and of injected faults.
     """
     noise = c.encoder_noise + s.encoder_noise
+    if s.apart != 0:
+        position = s.feedback_position
     position += sensors.interpolation_error(position, c)
     if noise != 0.0:
         s.encoder_seed = sensors.next_random(s.encoder_seed)
         position += noise * sensors.signed_share(s.encoder_seed)
+    if s.mounted != 0:
+        return mounting.mounted_reading(position, s, c)
     return to_increments(position + s.encoder_offset, c.increments_per_rad) + s.absolute_distance
 
 
@@ -81,11 +108,13 @@ def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
     s, c = drives[i].state, drives[i].constants
     position, speed, _ = shaft
     reset_observer(shaft, s)
+    if s.encoder_on == 0:
+        mounting.switch_on_encoder(position, s)
     s.step = 0
     s.encoder_offset += s.encoder_drift * c.cycle_time
     s.sampled_position = _encoder(position, s, c) / c.increments_per_rad
     s.answer[0] = s.sampled_position
-    s.answer[1] = speed
+    s.answer[1] = speed if s.mounted == 0 else mounting.measured_speed(speed, s)
     s.answer[2] = c.torque_constant * s.current
     if s.started == 0:
         s.last_sampled = s.sampled_position
@@ -94,24 +123,29 @@ def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
     else:
         state_machine.extrapolate_telegram(s, c)
     state_machine.advance_state(s, c)
+    if s.acknowledgement == IN_PROGRESS:
+        advance_procedure(s, c)
     begin_current_figures(s)
     return s.status
 
 
 @kernel
 def _end_stage(s, c, m):
-    """Simulate the power stage and the winding for one current-loop period."""
-    voltage = s.voltage
+    """Simulate power stage and winding for one current-loop period; return the share of current that gives torque."""
+    voltage, share = s.voltage, 1.0
+    if s.mounted != 0:
+        share = mounting.torque_share(s.state == PROCEDURE and s.procedure_power == FIELD, s, m)
     cascade.current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
         s.stage_current = short_circuit_current(s.stage_current, voltage, m)
     else:
-        s.stage_current = winding_current(s.stage_current, voltage, s.speed, m)
+        s.stage_current = winding_current(s.stage_current, voltage, share * s.speed, m)
     if abs(s.stage_current) > c.current_trip:
         # the comparator does not wait for the next bus cycle
         s.stage_current = cascade.clamp(s.stage_current, c.current_trip)
         s.blocked = 1
     s.current = sensors.measured_current(s.stage_current, s, c, m)
+    return share
 
 
 @kernel
@@ -133,17 +167,20 @@ def _run_sample(n, start_speed, drives, i, currents):
     powered = state_machine.is_powered(s) and s.blocked == 0
     if s.step % c.steps_per_velocity == 0:
         before = s.increments
+        if s.apart != 0 and n > 0:
+            s.feedback_position += c.velocity_period * s.feedback_speed
         s.increments = _encoder(s.position, s, c)
         if powered:
             actual = (s.increments - before) / (c.increments_per_rad * c.velocity_period)
             if n == 0 and c.steps_per_exchange != c.steps_per_velocity:
                 # the difference would span the observer's reset
-                actual = start_speed
+                actual = start_speed if s.mounted == 0 else mounting.measured_speed(start_speed, s)
+            given = s.state == PROCEDURE and s.procedure_power != POSITION
             feedforward = 0.0
             follows = state_machine.follows(s)
             if follows:
                 feedforward = cascade.current_feedforward(s, c)
-            if c.takes_torque != 0:
+            if c.takes_torque != 0 and s.state != PROCEDURE:
                 feedforward += cascade.torque_feedforward(follows, s, c)
             if follows:
                 if s.step % c.steps_per_position == 0:
@@ -156,17 +193,21 @@ def _run_sample(n, start_speed, drives, i, currents):
             if s.excited != 0:
                 s.current_added = drives[i].excitation[s.step // c.steps_per_velocity]
                 feedforward += s.current_added
-            cascade.velocity_loop(actual, feedforward, s, c)
+            if given:
+                s.current_reference = cascade.clamp(s.procedure_current, c.current_max)
+            else:
+                cascade.velocity_loop(actual, feedforward, s, c)
     before_current = s.motor_current
     carries_current = powered or s.winding_short != 0
+    share = 1.0
     if powered:
-        _end_stage(s, c, m)
+        share = _end_stage(s, c, m)
     else:
         s.stage_current = s.current = 0.0
     if s.winding_short != 0:
         s.motor_current = winding_current(before_current, 0.0, s.speed, m)
     else:
-        s.motor_current = s.stage_current
+        s.motor_current = share * s.stage_current
     advance_observer(0.5 * (before_current + s.motor_current) if carries_current else 0.0, s, c, m)
     currents[n, i] = s.motor_current
     add_current(s)
@@ -321,6 +362,7 @@ class MC4:
         self.state['torque_share'] = 1.0
         self.state['place'] = bus_place
         sensors.calibrate(axis, parameters, self.state)
+        mounting.mount(axis, parameters, self.state)
         self.payload = self._next_payload = payload_on_grid(parameters.dynamics.payload_mass_kg)
         self._generator: Generator | None = None
 
@@ -420,6 +462,43 @@ class MC4:
         """Clear the latched fault if its cause has gone (S-0-0099); return whether no fault is left."""
         return bool(state_machine.clear_fault(self.state[0], self.constants[0]))
 
+    def start_procedure(self, procedure: Procedure) -> bool:
+        """Start a procedure command; return whether the state of the drive permits it."""
+        return bool(start_procedure(int(procedure), self.state[0], self.constants[0]))
+
+    def cancel_procedure(self) -> None:
+        """Interrupt a procedure command, or clear the acknowledgement of the last one."""
+        cancel_procedure(self.state[0])
+
+    def set_data(self, name: str, value: float) -> bool:
+        """Set stored data, a field of ``STATE``; return whether it could be set: the drive must be without torque."""
+        if self.powered or self.drive_state is DriveState.PROCEDURE:
+            return False
+        state = self.state[0]
+        state['mounted'] = 1
+        changed = state[name] != value
+        state[name] = value
+        if name == 'polarity' and changed and state['encoder_on']:
+            sample_again(state, self.constants[0])
+        elif name == 'field_inverted' and changed:
+            state['commutated'] = 0
+        elif name == 'commutation_offset':
+            state['commutated'] = 1
+        return True
+
+    def stored_data(self) -> dict[str, float]:
+        """Return the data that a backup (S-0-0264) keeps while the drive is switched off."""
+        return {name: float(self.state[name][0]) for name in STORED_DATA}
+
+    def restore_data(self, data: Mapping[str, float]) -> None:
+        """Take over stored data before the drive is switched on."""
+        for name, value in data.items():
+            self.state[name] = value
+
+    def take_feedback(self, position: float, speed: float) -> None:
+        """Take position [rad] and speed [rad/s] of the shaft of an encoder that belongs to another axis."""
+        self.state['feedback_position'], self.state['feedback_speed'] = position, speed
+
     def leave_bus(self) -> None:
         """Leave cyclic operation without torque; a latched fault is kept."""
         self.stop_excitation()
@@ -483,6 +562,12 @@ class MC4:
     def encoder_position(self, position: float) -> float:
         """Return the encoder reading [rad] from the machine's zero point for a shaft position."""
         per_rad = float(self.constants['increments_per_rad'][0])
+        state = self.state[0]
+        if not state['encoder_on']:
+            mounting.switch_on_encoder(position, state)
+        if state['mounted']:
+            shaft = float(state['feedback_position']) if state['apart'] else position
+            return float(mounting.mounted_reading(shaft, state, self.constants[0])) / per_rad
         read = position + sensors.interpolation_error(position, self.constants[0])
         return float(to_increments(read, per_rad) + self.state['absolute_distance'][0]) / per_rad
 

@@ -53,12 +53,15 @@ from delta3_pacdrive.robot.drive.diagnostics import (
     class_1_diagnostic,
     class_2_diagnostic,
 )
+from delta3_pacdrive.robot.drive.mounting import INVERTED
+from delta3_pacdrive.robot.drive.procedures import IN_PROGRESS, INACTIVE, STEP_TEXTS, Procedure
 from delta3_pacdrive.robot.sercos.service_channel import (
     ERROR_TEXTS,
     Access,
     Answer,
     Operation,
     ServiceError,
+    format_idn,
     message_8503,
     parse_idn,
 )
@@ -73,6 +76,8 @@ PHASE = 'phase'  # source: communication phase of the access
 # S-0-0015: no standard telegram contains a payload (MDT), or position, velocity and torque (AT)
 APPLICATION_TELEGRAM = 7
 WORD_MAX = 65535.0
+UPWARDS_WITHOUT_MARKER = 0x41  # S-0-0147: negative direction, home switch, no marker pulse
+SHAFT_RANGE = -1e5, 1e5  # [rad]
 NOT_SCALED = 0  # scaling method 0, data at the motor shaft
 
 
@@ -101,8 +106,8 @@ class OperationData:
     sources
         Parameters (with a dot: ``drive.velocity_feedforward``), fields of the drive's ``STATE`` record, or ``PHASE``.
     writable_in
-        Phases in which the value may be changed; writable data has one parameter as its source and no formula, or
-        ``bounds``.
+        Phases in which the value may be changed; writable data has one parameter or field as its source and no formula,
+        or ``bounds``.
 
     """
 
@@ -116,6 +121,7 @@ class OperationData:
     bounds: tuple[float, float] | None = (
         None  # of a whole number that the drive only stores; None: of its parameter
     )
+    range: tuple[float, float] = (-math.inf, math.inf)  # of stored data of the drive
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -127,7 +133,7 @@ class OperationData:
             for field in dataclasses.fields(groups()[group]):
                 if field.name == name:
                     return field.metadata['low'], field.metadata['high']
-        return -math.inf, math.inf
+        return self.range
 
 
 def _action_time(gain: float, integral_gain: float) -> float:
@@ -165,19 +171,16 @@ def _operation_mode(velocity_feedforward: float) -> float:
     return OperationMode.POSITION_CONTROL | (OperationMode.LAGLESS if velocity_feedforward else 0)
 
 
-def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
-    """Motor position [rad] of an overtravel."""
-    return math.radians(end_stop_deg) * gear_in / gear_out
-
-
 def _angle(increments: float, increments_per_rev: float) -> float:
     return math.tau * increments / increments_per_rev
 
 
-def _diagnostic_number(fault: float, warning: float) -> float:
-    """Message number of the fault, otherwise of the first warning, otherwise 0."""
+def _diagnostic_number(fault: float, warning: float, procedure_error: float) -> float:
+    """Message number of the fault, otherwise of the last procedure or of the first warning, otherwise 0."""
     if fault:
         return FAULTS[DriveFault(int(fault))].number
+    if procedure_error:
+        return procedure_error
     return next((row.number for bit, row in WARNINGS.items() if int(warning) & bit), 0)
 
 
@@ -216,6 +219,24 @@ def _mdt_list(feed_forward: str) -> float:
 def _constant(value: float) -> Callable[[], float]:
     """Return the formula of a constant."""
     return lambda: value
+
+
+def _acknowledgement(procedure: Procedure) -> Callable[[float, float], float]:
+    """Return the formula of the data status of a procedure command: 3 done, 5 interrupted, 7 in progress, 15 error."""
+    return lambda last, acknowledgement: acknowledgement if int(last) == procedure else INACTIVE
+
+
+# those that the drive executes in steps, or at once if it does not move for them
+_PROCEDURE_ROWS = {
+    Procedure.HOMING: ('S-0-0148', 'Drive-controlled homing'),
+    Procedure.END_STOP: ('S-0-0149', 'Homing at the end stop'),
+    Procedure.SET_POSITION: ('S-0-0447', 'Set absolute position'),
+    Procedure.ALIGNMENT: ('P-0-0524', 'Commutation offset setting'),
+    Procedure.DIRECTION: ('P-0-0525', 'Direction check of encoder and phases'),
+    Procedure.TRAVEL_MAX: ('P-0-0526', 'Teach the positive position limit value'),
+    Procedure.TRAVEL_MIN: ('P-0-0527', 'Teach the negative position limit value'),
+    Procedure.BRAKE_TEST: ('P-0-0541', 'Brake check'),
+}
 
 
 def _row(idn: str, name: str, unit: str, *sources: str, **more: Any) -> partial[OperationData]:
@@ -283,10 +304,9 @@ _GROUPS = {
         _set('S-0-0092', 'Bipolar torque limit value', 'N m', 'drive.torque_limit_n_m', ALWAYS),
         _row('S-0-0082', 'Positive torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.pos),
         _row('S-0-0083', 'Negative torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.neg),
-        _row('S-0-0049', 'Positive position limit value', 'rad',
-             'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
-        _row('S-0-0050', 'Negative position limit value', 'rad',
-             'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        # the end stops, until others are taught
+        _row('S-0-0049', 'Positive position limit value', 'rad', 'travel_max'),
+        _row('S-0-0050', 'Negative position limit value', 'rad', 'travel_min'),
         _set('S-0-0200', 'Amplifier warning temperature', 'degC', 'thermal.sink_warning_degc', ALWAYS),
         _set('S-0-0201', 'Motor warning temperature', 'degC', 'thermal.motor_warning_degc', ALWAYS),
         _row('S-0-0203', 'Amplifier shutdown temperature', 'degC', 'thermal.sink_limit_degc'),
@@ -341,6 +361,19 @@ _GROUPS = {
         _row('S-0-0121', 'Input revolutions of load gear', ONE, 'dynamics.gear_in'),
         _row('S-0-0122', 'Output revolutions of load gear', ONE, 'dynamics.gear_out'),
         _row('S-0-0177', 'Absolute distance 1', 'rad', 'absolute_distance', 'bus.increments_per_rev', formula=_angle),
+        _row('S-0-0403', 'Position feedback value status (1 homed)', ONE, 'homed'),
+        _row('S-0-0147', 'Homing parameter', BITS, formula=_constant(UPWARDS_WITHOUT_MARKER)),
+        _set('S-0-0041', 'Homing velocity', 'rad/s', 'commissioning.homing_speed_rad_s', ALWAYS),
+        _set('S-0-0042', 'Homing acceleration', 'rad/s2', 'commissioning.homing_acceleration_rad_s2', ALWAYS),
+        _row('S-0-0052', 'Reference distance 1', 'rad', 'reference_distance', writable_in=ALWAYS, range=SHAFT_RANGE),
+        _row('S-0-0150', 'Reference offset 1', 'rad', 'reference_offset', writable_in=ALWAYS, range=SHAFT_RANGE),
+        _row('S-0-0055', 'Position polarities (4: feedback inverted)', ONE, 'polarity', writable_in=ALWAYS,
+             range=(0.0, INVERTED)),
+        _row('P-0-0508', 'Commutation offset', 'rad', 'commutation_offset', writable_in=ALWAYS,
+             range=(-math.tau, math.tau)),
+        _row('P-0-0509', 'Direction of the field (1: inverted)', ONE, 'field_inverted', writable_in=ALWAYS,
+             range=(0.0, 1.0)),
+        _row('P-0-0510', 'Commutation offset is known', ONE, 'commutated'),
         _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
     ),
     Group.MOTOR: (
@@ -412,13 +445,22 @@ _GROUPS = {
         _row('S-0-0302', 'Real-time control bit 2 (a program is running)', ONE, 'program'),
         _row('S-0-0336', 'In position', ONE,
              'following_error', 'drive.position_window_rad', formula=_in_position),
-        _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
+        _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', 'procedure_error', formula=_diagnostic_number),
         _row('P-0-0081', 'State of the drive', ONE, 'state'),
         _row('P-0-0082', 'Reaction in progress', ONE, 'reaction'),
         _row('P-0-0083', 'Brake output', ONE, 'brake_release'),
     ),
-    # procedure commands are executed immediately, so that none is ever found active
+    # S-0-0099 and the checks are executed immediately, so that they are never found active
     Group.COMMANDS: (
+        _set('P-0-0521', 'Torque at an end stop or an obstacle', 'N m', 'commissioning.stop_torque_n_m', ALWAYS),
+        _set('P-0-0522', 'Current of the commutation alignment', 'A', 'commissioning.alignment_current_a', ALWAYS),
+        _set('P-0-0523', 'Torque of the brake test', 'N m', 'commissioning.brake_test_torque_n_m', ALWAYS),
+        _row('P-0-0528', 'Message number of the last procedure command', ONE, 'procedure_error'),
+        _row('P-0-0529', 'Result of the last procedure command, in its unit', ONE, 'procedure_result'),
+        _row('P-0-0530', 'Step of the last procedure command', ONE, 'procedure_step'),
+        *(_row(idn, name, BITS, 'procedure', 'acknowledgement', formula=_acknowledgement(procedure))
+          for procedure, (idn, name) in _PROCEDURE_ROWS.items()),
+        _row('S-0-0264', 'Backup working memory', BITS, formula=_constant(0.0)),
         _row('S-0-0099', 'Reset class 1 diagnostic', BITS, formula=_constant(0.0)),
         _row('S-0-0127', 'CP3 transition check', BITS, formula=_constant(0.0)),
         _row('S-0-0128', 'CP4 transition check', BITS, formula=_constant(0.0)),
@@ -440,15 +482,24 @@ OF_PARAMETER = {
     for row in reversed(ROWS)
     if row.formula is float and row.sources and '.' in row.sources[0]
 }
-RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK, START_EXCITATION, STOP_EXCITATION = (
-    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128', 'P-0-0093', 'P-0-0094')
+RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK, START_EXCITATION, STOP_EXCITATION, BACKUP = (
+    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128', 'P-0-0093', 'P-0-0094', 'S-0-0264')
 )
+PROCEDURES = {parse_idn(idn): procedure for procedure, (idn, _) in _PROCEDURE_ROWS.items()}
+# stored data of the drive that can be written: fields of its ``STATE``
+STORED = {
+    idn: row.sources[0]
+    for idn, row in TABLE.items()
+    if row.writable_in and row.sources and '.' not in row.sources[0]
+}
 EXECUTABLE_IN = {
     RESET_CLASS_1_DIAGNOSTIC: ALWAYS,
     CP3_CHECK: frozenset({Phase.CP2}),
     CP4_CHECK: frozenset({Phase.CP3}),
     START_EXCITATION: frozenset({Phase.CP4}),
     STOP_EXCITATION: frozenset({Phase.CP4}),
+    BACKUP: ALWAYS,
+    **dict.fromkeys(PROCEDURES, frozenset({Phase.CP4})),
 }
 
 
@@ -495,6 +546,14 @@ def value_text(row: OperationData, value: float) -> str:
     if row.unit == BITS:
         return f'0x{int(value):04x}'
     return f'{value:.12g}' if row.unit == ONE else f'{value:.12g} {row.unit}'
+
+
+def procedure_text(state: Any) -> str:
+    """Return procedure and step in progress of a drive with a record ``STATE``; empty without one."""
+    if state['acknowledgement'] != IN_PROGRESS:
+        return ''
+    idn = next(idn for idn, procedure in PROCEDURES.items() if procedure == state['procedure'])
+    return f'{format_idn(idn)} {TABLE[idn].name}: {STEP_TEXTS[int(state["procedure_step"])]}'
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -2,22 +2,27 @@
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.parameters import SERCOS_2, Parameters
 from delta3_pacdrive.robot.drive.operation_data import (
+    BACKUP,
     CP3_CHECK,
     EXECUTABLE_IN,
     INVALID_FOR_CP3,
     PHASE,
+    PROCEDURES,
     RESET_CLASS_1_DIAGNOSTIC,
     START_EXCITATION,
     STOP_EXCITATION,
+    STORED,
     TABLE,
     TIMES,
     invalid_time,
     refusal,
 )
+from delta3_pacdrive.robot.drive.procedures import Procedure
 from delta3_pacdrive.robot.sercos.service_channel import (
     Access,
     Answer,
@@ -27,6 +32,19 @@ from delta3_pacdrive.robot.sercos.service_channel import (
     message_8503,
 )
 from delta3_pacdrive.robot.sercos.words import Phase
+
+
+class Functions(Protocol):
+    """Functions of a drive that its operation data use."""
+
+    def start_procedure(self, procedure: Procedure) -> bool:
+        """Start a procedure command; return whether the state of the drive permits it."""
+
+    def cancel_procedure(self) -> None:
+        """Interrupt a procedure command, or clear the acknowledgement of the last one."""
+
+    def set_data(self, name: str, value: float) -> bool:
+        """Set stored data, a field of ``STATE``; return whether the state of the drive permits it."""
 
 
 class Register:
@@ -42,6 +60,10 @@ class Register:
         Executes S-0-0099; returns whether no fault is left.
     excite
         Starts or stops the generator (P-0-0093, P-0-0094); returns whether that is possible.
+    drive
+        Executes procedure commands and sets stored data; None: it has none.
+    back_up
+        Stores the data of the drive permanently; returns whether it can.
 
     Attributes
     ----------
@@ -57,6 +79,8 @@ class Register:
         on_change: Callable[[Parameters], None],
         reset: Callable[[], bool],
         excite: Callable[[bool], bool] = lambda _: False,
+        drive: Functions | None = None,
+        back_up: Callable[[], bool] = lambda: False,
     ) -> None:
         self.parameters = parameters
         self.refusal = ''
@@ -65,6 +89,7 @@ class Register:
         self._phase = Phase.CP2
         self._reset = reset
         self._excite = excite
+        self._drive, self._back_up = drive, back_up
         self._times: dict[int, float] = {}  # written by the master in this session
         self._invalid = 0  # S-0-0021
 
@@ -96,13 +121,19 @@ class Register:
         return Answer(idn, value=float(row.formula(*(self._source(source) for source in row.sources))))
 
     def write(self, idn: int, value: float, phase: Phase) -> Answer:
-        """Change a parameter if its limits, the phase and the rules between parameters permit the value."""
+        """Change a parameter or stored data if limits, phase and the rules between parameters permit the value."""
         access = Access(idn, Operation.WRITE, value)
+        if idn in PROCEDURES and value == 0.0 and self._drive is not None:
+            self._drive.cancel_procedure()
+            return Answer(idn, value=value)
         error = writing_error(access, phase)
+        if not error and idn in STORED and not (self._drive and self._drive.set_data(STORED[idn], value)):
+            error = ServiceError.WRITE_PROTECTED
         if error:
             return self._refuse(access, error)
         if idn in TIMES:
             self._times[idn] = value
+        if idn in TIMES or idn in STORED:
             return Answer(idn, value=value)
         key = TABLE[idn].sources[0].replace('.', '__')
         try:
@@ -140,10 +171,15 @@ class Register:
         return Answer(idn, value=0.0)
 
     def _execute(self, idn: int) -> bool:
+        """Execute a procedure command, or start it; return whether that is possible."""
         if idn == RESET_CLASS_1_DIAGNOSTIC:
             return self._reset()
         if idn in (START_EXCITATION, STOP_EXCITATION):
             return self._excite(idn == START_EXCITATION)
+        if idn == BACKUP:
+            return self._back_up()
+        if idn in PROCEDURES:
+            return self._drive is not None and self._drive.start_procedure(PROCEDURES[idn])
         return True
 
     def _source(self, source: str) -> float | str:

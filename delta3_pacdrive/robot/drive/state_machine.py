@@ -11,11 +11,11 @@ from delta3_pacdrive.robot.sercos.losses import count_loss, count_telegram, too_
 from delta3_pacdrive.robot.sercos.words import Control, Status
 
 # plain integers for compiled code, in the order of the enumerations
-NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED = map(int, DriveState)
+NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED, PROCEDURE = map(int, DriveState)
 (
     NO_FAULT, FOLLOWING_ERROR, OVERSPEED, OVERLOAD, COMMAND_STEP, COMMAND_NOT_FINITE, TELEGRAM,
     ENCODER, OVER_CURRENT, OVERTRAVEL, MASTER_SILENT, UNDER_VOLTAGE, OVER_VOLTAGE, BRAKE, RESISTOR,
-    MOTOR_TEMPERATURE, DRIVE_TEMPERATURE,
+    MOTOR_TEMPERATURE, DRIVE_TEMPERATURE, COMMUTATION,
 ) = map(int, DriveFault)  # fmt: skip
 WARN_FOLLOWING, WARN_OVERLOAD, WARN_RESISTOR = (
     int(DriveWarning.FOLLOWING_ERROR),
@@ -37,11 +37,15 @@ STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
     int(Status.ERROR),
     int(Status.WARNING),
 )
+# control of the motor during a procedure: none, a given torque, a field at a given angle, a position
+UNPOWERED, TORQUE, FIELD, POSITION = 0, 1, 2, 3
 TRIP_OVER_WARNING = 8.0  # following error of 8111 relative to that of 8132
 BRAKE_SLIP_RAD = 0.5  # movement of a shaft held by its brake that counts as slipping
 BRAKE_STOP_S = 0.5  # time within which an applied brake must stop its shaft
 OVERLOAD_WARNING = 0.8
 RESET_OVERLOAD = 0.5  # fraction of the limit below which an overload may be cleared
+AGAINST_CYCLES = 5  # in which a motor gains speed against a large torque
+AGAINST_SHARE = 0.3  # of the largest current
 STILL_CYCLES = 20  # cycles without a change of the command that count as a stop of the master
 
 
@@ -84,10 +88,11 @@ def _store_held(s):
 @kernel
 def _validate_last(s):
     """Put command and control word of the last MDT into effect."""
-    s.command_before_that = s.command_before
-    s.command_before = s.command
-    if math.isfinite(s.next_command):
-        s.command = s.next_command
+    if s.state != PROCEDURE:  # which has its own set points
+        s.command_before_that = s.command_before
+        s.command_before = s.command
+        if math.isfinite(s.next_command):
+            s.command = s.next_command
     s.torque_before_that = s.torque_before
     s.torque_before = s.torque
     s.torque = s.next_torque
@@ -117,8 +122,12 @@ def extrapolate_telegram(s, c):
 
 
 @kernel
-def _link_fault(s, c):
-    """Return the fault of the DC link found in this cycle; while it is precharged, its voltage is not monitored."""
+def _power_fault(s, c):
+    """Return the fault of motor or DC link found in this cycle; a link that is precharged is not monitored."""
+    if s.blocked != 0:
+        return OVER_CURRENT
+    if s.against_cycles > AGAINST_CYCLES:
+        return COMMUTATION
     if s.state == FAULT or s.link_ready == 0:
         return NO_FAULT
     if s.dc_link < c.dc_link_min:
@@ -147,11 +156,9 @@ def detect_fault(s, c):
     """Return the fault found in this cycle; the strongest reaction takes precedence."""
     if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
         return ENCODER
-    if s.blocked != 0:
-        return OVER_CURRENT
-    of_link = _link_fault(s, c)
-    if of_link != NO_FAULT:
-        return of_link
+    of_power = _power_fault(s, c)
+    if of_power != NO_FAULT:
+        return of_power
     if s.silent != 0:
         return MASTER_SILENT
     if too_many(s):
@@ -161,7 +168,7 @@ def detect_fault(s, c):
     if s.slipping != 0:
         return BRAKE
     if s.state in (ENABLED, ENABLING, HALTED):
-        if s.sampled_position > c.travel_max or s.sampled_position < c.travel_min:
+        if s.sampled_position > s.travel_max or s.sampled_position < s.travel_min:
             return OVERTRAVEL
         if not math.isfinite(s.next_command):
             return COMMAND_NOT_FINITE
@@ -213,10 +220,25 @@ def react(reaction, s):
         s.reaction = reaction
         s.still_cycles = 0
         change_state(STOPPING, s)
+    elif s.state == PROCEDURE:
+        s.reaction = reaction if s.fault != NO_FAULT else NO_REACTION
+        end_procedure(s)
     elif s.state == STOPPING:
         s.reaction = max(s.reaction, reaction)
         if reaction > BD2:
             s.along = 0
+
+
+@kernel
+def end_procedure(s):
+    """Leave a procedure: apply the brake, with torque only from a motor whose commutation is known."""
+    s.brake_release = 0
+    if s.procedure_power == POSITION:
+        change_state(HOLDING, s)
+    else:
+        change_state(READY if s.fault == NO_FAULT else FAULT, s)
+    s.procedure_power = UNPOWERED
+    s.brake_holds = 0
 
 
 @kernel
@@ -231,7 +253,7 @@ def advance_state(s, c):
     s.last_sampled = s.sampled_position
     _follow_control(s, c)
     _end_states(s, c)
-    s.status = _status_word(s)
+    s.status = status_word(s)
 
 
 @kernel
@@ -250,6 +272,8 @@ def _measure(s, c):
         s.following_error = abs(s.reference - s.sampled_position)
     elif s.state == ENABLING:
         s.following_error = abs(s.command - s.sampled_position)
+    if s.mounted != 0:
+        _watch_commutation(s, c)
     s.warning = 0
     if s.following_error > c.following_error_limit:
         s.warning |= WARN_FOLLOWING
@@ -261,6 +285,18 @@ def _measure(s, c):
         s.warning |= WARN_MOTOR
     if s.sink_degc > c.sink_warning:
         s.warning |= WARN_DRIVE
+
+
+@kernel
+def _watch_commutation(s, c):
+    """Count the cycles in which a motor that follows commands gains speed against a large torque."""
+    way = s.sampled_position - s.last_sampled
+    against = s.state in (ENABLING, ENABLED) and abs(s.current_reference) > AGAINST_SHARE * c.current_max
+    if against and way * s.current_reference < 0.0 and abs(way) > abs(s.last_way):
+        s.against_cycles += 1
+    else:
+        s.against_cycles = 0
+    s.last_way = way
 
 
 @kernel
@@ -293,8 +329,10 @@ def _latch(fault, s):
 def _follow_control(s, c):
     """Execute the control word of this cycle."""
     on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
-    if not on and is_powered(s):
+    if not on and (is_powered(s) or s.state == PROCEDURE):
         react(AD, s)
+    elif enable and s.state == PROCEDURE:
+        end_procedure(s)  # the master takes over
     elif not enable and s.state in (ENABLING, ENABLED, HALTED):
         react(BD2, s)
     if s.state == ENABLED and not run:
@@ -308,7 +346,9 @@ def _follow_control(s, c):
             react(BD2, s)
     elif s.state == READY and on and enable and run and s.fault == NO_FAULT and s.link_ready != 0:
         s.reaction = NO_REACTION
-        if abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
+        if s.mounted != 0 and s.commutated == 0:
+            _latch(COMMUTATION, s)
+        elif abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
             _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would jump back
         else:
             switch_on(s, c)
@@ -344,12 +384,12 @@ def _end_states(s, c):
 
 
 @kernel
-def _status_word(s):
+def status_word(s):
     """Return the status word S-0-0135."""
     status = 0
-    if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
+    if s.state in (ENABLED, STOPPING, HOLDING, HALTED) or (s.state == PROCEDURE and is_powered(s)):
         status = STATUS_IN_TORQUE
-    elif s.state in (READY, ENABLING):
+    elif s.state in (READY, ENABLING, PROCEDURE):
         status = STATUS_READY_FOR_POWER
         if s.control & DRIVE_ON and s.link_ready != 0:
             status = STATUS_READY_TO_ENABLE
@@ -365,6 +405,7 @@ def _status_word(s):
 @kernel
 def clear_fault(s, c):
     """Clear the latched fault (S-0-0099) if its cause has gone and the drive is at rest; return whether it is clear."""
+    s.procedure_error = 0
     if s.fault == NO_FAULT:
         return True
     if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
@@ -403,18 +444,22 @@ def leave_bus(s):
         change_state(NOT_READY, s)
     else:
         change_state(FAULT, s)
-    s.status = _status_word(s)
+    s.status = status_word(s)
 
 
 @kernel
 def is_powered(s):
     """Whether the power stage feeds the motor."""
+    if s.state == PROCEDURE:
+        return s.procedure_power != UNPOWERED
     return s.state in (ENABLING, ENABLED, STOPPING, HOLDING, HALTED)
 
 
 @kernel
 def follows(s):
     """Whether the position loop follows the master's commands."""
+    if s.state == PROCEDURE:
+        return s.procedure_power == POSITION
     return s.state in (ENABLING, ENABLED) or (s.state == STOPPING and s.along != 0)
 
 

@@ -95,7 +95,9 @@ class PlantClock:
         self._rest_cycles = math.ceil(REST_S / bus.cycle_time_s)
         self.samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._matrix = np.zeros((self.samples, len(self._axes)))
-        self._columns = list(self._matrix.T)
+        # by drive: its motor
+        self._motors = [parameters.mounting.motor_of(index) for index in range(len(self._axes))]
+        self._columns = [self._matrix.T[motor] for motor in self._motors]
         self._no_currents = (0.0,) * self.samples
         self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{} for _ in self._axes]
         self._payload: float | None = None
@@ -218,7 +220,7 @@ class PlantClock:
         warms, begins = self._temperatures.enabled, not self.exchange % self._per_cycle
         if warms and begins:
             self._temperatures.warm(self._plant.state[0], [axis.state[0] for axis in self._rotary])
-        brakes = []
+        brakes = [False] * len(self._motors)
         for index, (column, waiting) in enumerate(zip(self._columns, self._currents, strict=True)):
             released = False
             values = self._no_currents
@@ -227,7 +229,7 @@ class PlantClock:
                 # all drives pass on the same payload, that of the previous MDT
                 released, self._payload, values = current
             column[:] = values
-            brakes.append(released)
+            brakes[self._motors[index]] = released
         payload = self._payload if self._carried is None else self._carried
         self._plant.advance(self._matrix, brakes[:ARMS], payload)
         for axis, released in zip(self._rotary, brakes[ARMS:], strict=True):

@@ -58,6 +58,7 @@ class Class1(IntFlag):
     DRIVE_TEMPERATURE = 1 << 1
     MOTOR_TEMPERATURE = 1 << 2
     FEEDBACK = 1 << 5
+    COMMUTATION = 1 << 6
     OVER_CURRENT = 1 << 7
     OVER_VOLTAGE = 1 << 8
     UNDER_VOLTAGE = 1 << 9

@@ -10,7 +10,7 @@ from sensor_msgs.msg import JointState
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
-from delta3_pacdrive.robot.drive.drive_clock import Command
+from delta3_pacdrive.robot.drive.drive_clock import Command, Shaft
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
@@ -40,6 +40,8 @@ class DriveTelegrams:
         bus = parameters.bus
         drives = parameters.axes
         self._node, self._index, self._axis, self._count = node, index, drives[index], len(drives)
+        mounting = parameters.mounting
+        self._motor, self._encoder = mounting.motor_of(index), mounting.encoder_of(index)
         self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
         self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._bus_drive: BusDrive
@@ -126,11 +128,15 @@ class DriveTelegrams:
         except TelegramError as error:
             self.refuse(f'{self._axis}: {error}')
             return
-        i, count = self._index, self._count
+        i, count = self._motor, self._count
         if exchange >= 0:
-            bus_drive.clock.take_shaft(exchange, (values[i], values[count + i], values[2 * count + i]))
+            shaft: Shaft = values[i], values[count + i], values[2 * count + i]
+            if self._encoder != i:
+                shaft = (*shaft, values[self._encoder], values[count + self._encoder])
+            bus_drive.clock.take_shaft(exchange, shaft)
         elif not bus_drive.slave.cyclic:
             self._greeted = True
+            bus_drive.drive.take_feedback(values[self._encoder], 0.0)
             bus_drive.set_rest_position(values[i])
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))

@@ -5,7 +5,11 @@ In: ``sercos/phase``. Out: ``/diagnostics`` (1 Hz). Cyclic telegrams: ``drive_te
 operation are IDNs under their ROS names.
 """
 
+import json
+import math
 import time
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
+from delta3_pacdrive.atomic_file import atomic_path
 from delta3_pacdrive.errors import Code, ParameterError, Reason
 from delta3_pacdrive.parameters import Parameters, flatten
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
@@ -24,8 +29,8 @@ from delta3_pacdrive.robot.drive.diagnostics import (
     class_2_diagnostic,
     fault_text,
 )
-from delta3_pacdrive.robot.drive.mc4 import MC4
-from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER, TABLE, refusal
+from delta3_pacdrive.robot.drive.mc4 import MC4, STORED_DATA
+from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER, STORED, TABLE, procedure_text, refusal
 from delta3_pacdrive.robot.drive.register import Register, writing_error
 from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.sercos.bus_time import Clock
@@ -47,7 +52,9 @@ from delta3_pacdrive.ros.wire.interfaces import PHASE
 
 HEALTH_EVERY = 4  # updates between two diagnostics
 PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'}  # by published topic
-WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in}  # IDN by name
+WRITABLE = {  # IDN by name
+    row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in row.writable_in and idn not in STORED
+}
 
 
 def report(drive: MC4) -> dict[str, Any]:
@@ -56,6 +63,7 @@ def report(drive: MC4) -> dict[str, Any]:
     return {
         'state': drive.drive_state.name,
         'brake': BRAKE_FREE if state['brake_release'] else BRAKE_HELD,
+        'procedure': procedure_text(state),
         'diagnostic': fault_text(drive.fault),
         'warnings': [WARNINGS[warning].text for warning in WARNINGS if drive.warning & warning],
         'S-0-0011 class 1 diagnostic': f'{class_1_diagnostic(drive.fault):04x}',
@@ -188,6 +196,22 @@ class DriveReport:
         self._health.send(level, fault_text(drive.fault), self.facts())
 
 
+def read_memory(path: Path | None) -> dict[str, float]:
+    """Return the data that a drive has stored in a file, none without a file; raises ParameterError."""
+    if path is None or not path.exists():
+        return {}
+    try:
+        data = json.loads(path.read_text(encoding='utf-8'))
+        stored = {name: float(data[name]) for name in STORED_DATA}
+    except (ValueError, TypeError, KeyError, UnicodeError):
+        raise ParameterError(
+            f'{path}: not the stored data of a drive; remove the file to start without'
+        ) from None
+    if not all(map(math.isfinite, stored.values())):
+        raise ParameterError(f'{path}: a stored value of a drive is not finite')
+    return stored
+
+
 KIND = 'mc4_drive'
 HOUSEKEEPING_S = 0.25
 OF_ROTARY = {axis: (number,) for number, axis in enumerate(ROTARY_DRIVES)}  # rotary axes of a drive
@@ -198,7 +222,9 @@ class MC4DriveNode(RobotNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)
-        number = declare_own(self, KIND)['axis']
+        own = declare_own(self, KIND)
+        number, memory = own['axis'], own['memory']
+        self._memory = Path(memory) if memory else None
         name = self.get_fully_qualified_name()
         if not number:
             raise ParameterError(
@@ -221,6 +247,7 @@ class MC4DriveNode(RobotNode):
             port=self,
             poll_s=HOUSEKEEPING_S,
             now_s=time.monotonic,
+            stored=read_memory(self._memory),
         )
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
@@ -277,6 +304,15 @@ class MC4DriveNode(RobotNode):
     def changed(self, parameters: Parameters, cycle: int) -> None:
         """Update the ROS parameters to those written in a bus cycle."""
         self._settings.follow(parameters, cycle)
+
+    def back_up(self, data: Mapping[str, float]) -> bool:
+        """Store data of the drive in its file; return whether it has one."""
+        if self._memory is None:
+            return False
+        with atomic_path(self._memory) as path:
+            path.write_text(json.dumps(data), encoding='utf-8')
+        self.get_logger().info(f'data stored in {self._memory}')
+        return True
 
     def report_loss(self, reason: str) -> None:
         """Log why the drive continues without its master."""

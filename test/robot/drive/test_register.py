@@ -11,12 +11,15 @@ from cases import for_each
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.robot.drive.arrays import CONSTANTS, STATE, drive_constants
 from delta3_pacdrive.robot.drive.diagnostics import DriveFault, DriveWarning
+from delta3_pacdrive.robot.drive.mc4 import MC4
 from delta3_pacdrive.robot.drive.operation_data import (
     ALWAYS,
     BEFORE_CP4,
     PHASE,
+    PROCEDURES,
     RESET_CLASS_1_DIAGNOSTIC,
     ROWS,
+    STORED,
     TABLE,
     TIMES,
     Group,
@@ -35,9 +38,12 @@ from delta3_pacdrive.robot.sercos.service_channel import (
 )
 from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
 from delta3_pacdrive.robot.sercos.words import Phase
+from drive_functions import DriveFunctions
 from service_ring import K_I, KV, MASS_OBSERVER, SPEED, UNKNOWN, WORDS, Ring
 
-WRITABLE = [row for row in TABLE.values() if row.writable_in and row.idn not in TIMES]
+WRITABLE = [
+    row for row in TABLE.values() if row.writable_in and row.idn not in TIMES and row.idn not in STORED
+]
 
 
 # the drive's table
@@ -49,12 +55,23 @@ class Drive:
     def __init__(self, robot, reset=True):
         self.state = np.zeros(1, STATE)
         self.changes = []
-        self.resets = 0
-        self._reset = reset
-        self.register = Register(robot, self._actual, self.changes.append, self._count_reset)
+        self.resets = self.stored = 0
+        self.functions, self._reset = DriveFunctions(self.state, reset), reset
+        self.register = Register(
+            robot,
+            self._actual,
+            self.changes.append,
+            self._count_reset,
+            drive=self.functions,
+            back_up=self._back_up,
+        )
 
     def _actual(self, name):
         return float(self.state[name][0])
+
+    def _back_up(self):
+        self.stored += 1
+        return True
 
     def _count_reset(self):
         self.resets += 1
@@ -127,7 +144,7 @@ def test_every_idn_can_be_read(row, drive):
 def test_every_writable_idn_takes_its_limits_and_nothing_beyond(row, filtering):
     (source,) = row.sources
     group, _, name = source.partition('.')
-    assert group in ('drive', 'thermal')
+    assert group in ('drive', 'thermal', 'commissioning')
     low, high = row.limits
     assert math.isfinite(low)
     assert math.isfinite(high)
@@ -421,19 +438,54 @@ def test_values_made_of_several_parameters(drive, robot):
     assert (value('S-0-0038'), value('S-0-0039')) == (value('S-0-0091'), -value('S-0-0091'))
     assert (value('S-0-0082'), value('S-0-0083')) == (value('S-0-0092'), -value('S-0-0092'))
     # rubber stops at 105 and -55 degrees of the arm, gear 32
-    assert value('S-0-0049') == pytest.approx(math.radians(105.0) * 32.0)
-    assert value('S-0-0050') == pytest.approx(math.radians(-55.0) * 32.0)
+    limits = MC4(robot).state
+    assert limits['travel_max'][0] == pytest.approx(math.radians(105.0) * 32.0)
+    assert limits['travel_min'][0] == pytest.approx(math.radians(-55.0) * 32.0)
     assert value('S-0-0116') == value('S-0-0079') == 2**19
     drive.register.write(K_I, 0.0, Phase.CP4)
     assert value('S-0-0101') == 0.0
 
 
-def test_position_limits_are_those_at_which_the_drive_stops(drive, robot):
-    constants = drive_constants(robot)
-    for text, name in (('S-0-0049', 'travel_max'), ('S-0-0050', 'travel_min')):
-        assert drive.register.read(parse_idn(text)).value == pytest.approx(
-            float(constants[name][0]), rel=1e-15
-        )
+@pytest.mark.parametrize('idn', PROCEDURES, ids=format_idn)
+def test_a_procedure_starts_in_cyclic_operation_and_zero_interrupts_it(idn, drive):
+    for phase in (Phase.CP2, Phase.CP3):
+        assert drive.register.command(idn, phase).error == ServiceError.COMMAND_NOT_EXECUTABLE
+    assert not drive.register.command(idn, Phase.CP4).error
+    assert not drive.register.write(idn, 0.0, Phase.CP4).error
+    assert drive.functions.calls == [PROCEDURES[idn], 'cancel']
+    assert drive.register.write(idn, 3.0, Phase.CP4).error == ServiceError.READ_ONLY
+
+
+def test_a_procedure_or_datum_that_the_drive_does_not_permit_is_rejected(robot):
+    drive = Drive(robot, reset=False)
+    for idn in PROCEDURES:
+        assert drive.register.command(idn, Phase.CP4).error == ServiceError.COMMAND_NOT_EXECUTABLE
+    for idn in STORED:
+        assert drive.register.write(idn, 0.0, Phase.CP4).error == ServiceError.WRITE_PROTECTED
+
+
+@pytest.mark.parametrize(
+    ('text', 'low', 'high'),
+    [
+        ('S-0-0055', 0.0, 4.0),
+        ('P-0-0509', 0.0, 1.0),
+        ('P-0-0508', -math.tau, math.tau),
+        ('S-0-0052', -1e5, 1e5),
+    ],
+)
+def test_stored_data_have_ranges(text, low, high, drive):
+    write = drive.register.write
+    for value in (low, high):
+        assert not write(parse_idn(text), value, Phase.CP4).error
+        assert drive.register.read(parse_idn(text)).value == value
+    assert write(parse_idn(text), math.nextafter(high, math.inf), Phase.CP4).error == ServiceError.TOO_LARGE
+    assert write(parse_idn(text), math.nextafter(low, -math.inf), Phase.CP4).error == ServiceError.TOO_SMALL
+    assert write(parse_idn(text), math.nan, Phase.CP4).error == ServiceError.INVALID
+
+
+def test_the_backup_is_executed_once_for_each_command(drive):
+    assert not drive.register.command(parse_idn('S-0-0264'), Phase.CP4).error
+    assert drive.stored == 1
 
 
 def test_limits_of_one_side_follow_the_bipolar_ones_and_are_not_written_themselves(drive):
@@ -487,7 +539,7 @@ def test_every_word_is_shown_in_hexadecimal():
     words = {
         format_idn(row.idn) for row in TABLE.values() if row.unit == 'bits' and row.group != Group.COMMANDS
     }
-    numbers = (11, 12, 13, 14, 15, 32, 44, 76, 86, 134, 135, 160)
+    numbers = (11, 12, 13, 14, 15, 32, 44, 76, 86, 134, 135, 147, 160)
     assert words == {f'S-0-{number:04}' for number in numbers}
 
 

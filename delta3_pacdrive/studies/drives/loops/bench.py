@@ -117,7 +117,7 @@ class Bench:
         self._arm_kg_m2 = load.inertia_kg_m2 - (self._gear.rotor_kg_m2 if self._gear else 0.0)
         self._steps = round(self._cycle_time / self._period)
         # start near the end of travel; the speed leads away from it
-        self._position = self._command = float(self._drive.constants['travel_min'][0]) + MARGIN_RAD
+        self._position = self._command = float(self._drive.state['travel_min'][0]) + MARGIN_RAD
         self._shaft_speed = self._arm_speed = self.speed_rad_s
         twist = self._load_n_m / self._gear.stiffness_n_m_rad if self._gear else 0.0
         self._arm = self._position - twist
