@@ -36,6 +36,7 @@ class Options:
     joint_motion: bool = False  # publish joint motion through the Jacobian
     logs: Path | None = None  # folder for the processes' logs; None: temporary
     learned: Path | None = None  # file of learned torques
+    memory: Path | None = None  # folder of the data stored by the drives; None: they are lost with the robot
     first: int = 0  # first statement of the program
     script: bool = False  # a script moves the robot, from a known bus cycle
     cell: Path | None = None  # cell file

@@ -147,9 +147,17 @@ class RobotProcesses:
         if options.shared_clock:
             task |= {'shared_clock': options.shared_clock, 'clock_member': options.clock_member}
         axes = range(1, len(self._robot.axes) + 1)
+        memory = options.memory or self._logs
+        memory.mkdir(parents=True, exist_ok=True)
         nodes: Nodes = {
             'plant': (PlantNode, plant),
-            **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in axes},
+            **{
+                f'mc4_drive_{axis}': (
+                    MC4DriveNode,
+                    {'axis': axis, 'memory': str(memory / f'axis{axis}.json')},
+                )
+                for axis in axes
+            },
             'transformation_task': (
                 TransformationTaskNode,
                 task

@@ -1,7 +1,8 @@
 """``delta3 drive``: read and write operation data of a drive through the service channel of a running robot."""
 
 import argparse
-from dataclasses import dataclass
+import sys
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument
@@ -28,7 +29,10 @@ class Options(NodeOptions, JsonOptions):
         '1, 2 or 3 for an arm, 4 or 5 for a rotary axis (or axis1 to axis5), or "list"', type=_axis
     )
     idn: str | None = argument('identification number such as S-0-0104', default=None)
-    value: str | None = argument('value to write; "command" executes a procedure command', default=None)
+    value: str | None = argument(
+        'value to write; "command" executes a procedure command, which the value 0 interrupts',
+        default=None,
+    )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
@@ -68,12 +72,16 @@ def _text(row: dict[str, Any]) -> str:
 
 
 def _ask(options: Options) -> Output:
+    from delta3_pacdrive.ros.clients.procedure_client import execute, is_procedure
     from delta3_pacdrive.ros.clients.robot_client import operating
 
     axis, idn, value = options.axis, options.idn, options.value
     action = 'read' if value is None else 'command' if value == 'command' else 'write'
     request = f'{axis} {action} {idn}' + (f' {value}' if action == 'write' else '')
     with operating(options.namespace) as operator:
+        if action == 'command' and is_procedure(str(idn)):
+            outcome = execute(operator, axis, str(idn), lambda text: print(text, file=sys.stderr, flush=True))
+            return Output({'ok': True, **asdict(outcome)}, [outcome.text])
         return answered(operator.drive(request))
 
 

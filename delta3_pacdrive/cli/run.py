@@ -52,6 +52,9 @@ class GraphOptions(NodeOptions, RobotOptions):
         'joint_motion and jacobian'
     )
     logs: str | None = option('keep the logs of all processes in this folder', 'DIR')
+    memory: str | None = option(
+        'keep the data that the drives store (S-0-0264) in this folder; default: until the robot ends', 'DIR'
+    )
     view: bool = flag('serve a web page that shows the robot (delta3 view)')
     view_port: int | None = option(
         f'port of the web page (default: first free port from {serving.PORT})',
@@ -147,6 +150,7 @@ def asked_for(options: GraphOptions, program: str | None = None, script: bool = 
         markers=options.markers,
         joint_motion=options.joint_motion,
         learned=Path(options.learned).absolute() if options.learned else None,
+        memory=Path(options.memory).absolute() if options.memory else None,
         script=script,
         frame_prefix=getattr(options, 'frame_prefix', None) or '',
         first=getattr(options, 'first', 0),

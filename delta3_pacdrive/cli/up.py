@@ -70,6 +70,9 @@ class _Announcement:
         if progress.fault != self._fault:
             self._fault = progress.fault
             self._print(f'fault: {self._fault}' if self._fault else 'faults cleared')
+        if not self._announced and progress.phase == 'CP4' and progress.waiting:
+            self._announced = True
+            self._print(f'{progress.waiting}; Ctrl-C ends')
         if not self._announced and progress.in_torque:
             self._announced = True
             self._print(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')

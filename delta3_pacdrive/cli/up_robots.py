@@ -152,6 +152,7 @@ def options_of_each(common: BringupOptions, names: Sequence[str]) -> list[Bringu
             namespace=name,
             frame_prefix=prefix and f'{prefix}{number}/',
             bag=bags and bag_of(bags, name),
+            memory=common.memory and common.memory / name.strip('/'),
         )
         for number, name in enumerate(names, 1)
     ]

@@ -13,10 +13,13 @@ class MotionState(StrEnum):
     STOPPING = 'stopping'
     STOPPED = 'stopped'
     ERROR = 'error'
+    COMMISSIONING = 'commissioning'  # a drive executes a procedure command
 
 
 def sentence(state: str) -> str:
     """Return a motion state as a sentence, such as ``the robot is moving``."""
+    if state == MotionState.COMMISSIONING:
+        return 'a drive of the robot executes a procedure command'
     return 'the robot is in the error state' if state == MotionState.ERROR else f'the robot is {state}'
 
 
@@ -37,6 +40,7 @@ class Event(StrEnum):
     END = 'end'  # the last feedback of the program has arrived
     FAIL = 'fail'  # a fault was found
     RESET = 'reset'  # faults are cleared
+    COMMISSION = 'commission'  # a procedure command starts
 
 
 TRANSITIONS = {
@@ -58,6 +62,8 @@ TRANSITIONS = {
     (MotionState.STOPPED, Event.ABORT): MotionState.STOPPED,
     (MotionState.STOPPED, Event.CLEAR): MotionState.IDLE,
     (MotionState.ERROR, Event.RESET): MotionState.IDLE,
+    (MotionState.IDLE, Event.COMMISSION): MotionState.COMMISSIONING,
+    (MotionState.COMMISSIONING, Event.END): MotionState.IDLE,
     **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
 }
 """Transitions; other events are rejected or ignored."""

@@ -18,10 +18,11 @@ STATE_COLOURS = {
     'stopping': AMBER,
     'stopped': AMBER,
     'error': RED,
+    'commissioning': AMBER,
     'playing': BLUE,
 }
 SHOWS_MOVE = (*UNDER_WAY, 'playing', 'paused')
-DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
+DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'PROCEDURE': AMBER, 'FAULT': RED}
 COLUMNS = 'repeat(auto-fit,minmax(150px,1fr))'  # of bars: one column on a phone
 CUT = 'white-space:nowrap;overflow:hidden;text-overflow:ellipsis'
 HIGH, TOO_HIGH = 0.6, 0.9  # shares of a limit above which a bar is amber and red

@@ -50,6 +50,8 @@ class Enabling:
             return Reason(Code.FAULT, f'not after a fault: {fault}', fault)
         if closed:
             return Reason(Code.BUS, f'the drives cannot be enabled, {closed}')
+        if self._state.unavailable is not None:
+            return self._state.unavailable
         if self._state.enabled:
             return f'enabled already, effective in bus cycle {self._task.enable_cycle + 1}'
         if self._state.in_torque:
@@ -71,6 +73,9 @@ class Enabling:
             return f'stops on its path from bus cycle {cycle} on'
         if state.fault:
             return 'the fault has disabled the drives, or will once the TCP is at rest'
+        interrupted = state.interrupt()
+        if interrupted:
+            return interrupted
         self._task.disable()
         return f'effective in bus cycle {cycle + 1}'
 

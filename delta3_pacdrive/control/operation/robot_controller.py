@@ -11,6 +11,7 @@ from typing import Any
 from delta3_pacdrive.belts.image import read_belts
 from delta3_pacdrive.control.actions import Logged
 from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.control.operation.commissioning import Commissioning
 from delta3_pacdrive.control.operation.control import Control
 from delta3_pacdrive.control.operation.cyclic_operation import (
     Content,
@@ -111,6 +112,16 @@ class RobotController:
         self.planners = PlannerWatch(timing.poll_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, callbacks.check_faults)
         self.orders.begin_session(self.bus.session.decode())
+        self.commissioning = Commissioning(
+            self,
+            self.task,
+            self.axes,
+            self.state,
+            self.control,
+            services=self.services,
+            parameters=parameters,
+        )
+        self.state.interrupt = self.commissioning.cancel
         self.scripts = ScriptService(
             state=self.state,
             task=self.task,
@@ -120,7 +131,7 @@ class RobotController:
             control=self.control,
             in_position_cycles=parameters.in_position_cycles,
         )
-        if parameters.motion.enable_cycle >= 0:
+        if parameters.motion.enable_cycle >= 0 and parameters.mounting.homed_at_start:
             self.task.enable(parameters.motion.enable_cycle)
 
     # the bus as required by RobotState --------------------------------------------------------------------------------
@@ -141,7 +152,7 @@ class RobotController:
 
     def waiting(self) -> Reason | None:
         """Return the condition that the present phase waits for, if any."""
-        return self.bus.waiting or self._awaited
+        return self.bus.waiting or self._awaited or self.state.unavailable
 
     def earliest(self) -> int:
         """Return the first cycle in which a motion may start: no earlier cycle is outstanding, drives follow."""
@@ -177,6 +188,8 @@ class RobotController:
             self.services.received(index, content[2])
 
     def _locate(self, motor_positions_rad: Sequence[float]) -> Reason | None:
+        if self.commissioning.unknown:
+            motor_positions_rad = [0.0] * len(motor_positions_rad)  # until the axes are homed; a valid pose
         try:
             self.task.locate(motor_positions_rad)
         except UnreachableError as error:
@@ -196,7 +209,7 @@ class RobotController:
                 case master.Check(index, phase):
                     self._check_drive(index, phase)
                 case master.RobotReady(cycle):
-                    if not self.state.fault:
+                    if not self.state.fault and not self.commissioning.unknown:
                         self.state.locate(self.task.state['tcp'][0], cycle)
                 case master.Begin(cycle):
                     self._begin(cycle)
@@ -250,6 +263,7 @@ class RobotController:
         self.axes.begin()
         self.task.follow_belts(read_belts(self.bus.belts))
         self.cycles.begin(cycle, self.bus.inputs)
+        self.commissioning.begin()
         if self._start_s is None:
             self._start_s = self.cycles.last_answer_s
 
@@ -259,6 +273,7 @@ class RobotController:
         self.services.close()
         self.state.handle_bus_loss(fault)
         self.enabling.handle_bus_loss(fault)
+        self.commissioning.handle_bus_loss()
         self.wait_for_program = False
         self.orders.begin_session(session.decode())
 
@@ -289,6 +304,7 @@ class RobotController:
         self.scripts.poll()
         self.cycles.complete()  # feedback that arrived while the bus waited for a script
         self.enabling.poll()
+        self.commissioning.poll()
 
     def _check_drives(self, now_s: float) -> None:
         silence_s = self.cycles.watchdog.silence_s(now_s)

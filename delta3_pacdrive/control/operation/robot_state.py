@@ -96,6 +96,8 @@ class RobotState:
         self._outputs, self._payload = task.outputs, task.payload
         # extensions before the pending one, and the callback for its outcome
         self._extending: tuple[int, Callback] | None = None
+        self.unavailable: Reason | None = None  # why the robot cannot move before its commissioning has ended
+        self.interrupt: Callable[[], str] = lambda: ''  # interrupts a procedure command; returns a sentence
         self._reporting: int | None = None  # drive that reported the first cause of the fault
 
     # state ----------------------------------------------------------------------------------------------------------
@@ -131,6 +133,8 @@ class RobotState:
         """Return why no program can be started now, None if one can."""
         if self.fault:
             return self._faulty(self.fault)
+        if self.unavailable is not None:
+            return self.unavailable
         if not self.located:
             waiting = f', {self._bus.waiting()}' if self._bus.waiting() else ''
             return Reason(
@@ -155,6 +159,14 @@ class RobotState:
         """Apply an event that is possible in this state."""
         self.motion = TRANSITIONS[self.motion, event]
         self.actions.append(Entered(self.motion, event))
+
+    def commission(self, event: Event) -> None:
+        """Enter or leave the state in which a drive executes a procedure command."""
+        if (self.motion, event) in TRANSITIONS and MotionState.COMMISSIONING in (
+            self.motion,
+            TRANSITIONS[self.motion, event],
+        ):
+            self._enter(event)
 
     # location -------------------------------------------------------------------------------------------------------
 
@@ -373,7 +385,7 @@ class RobotState:
         """Stop on the path and cancel the program; return why not, or a description of the stop."""
         reason = self._event_refusal(Event.ABORT)
         if reason is not None:
-            return self._leave_belt() or reason
+            return self.interrupt() or self._leave_belt() or reason
         if self.motion is MotionState.STEERED:
             return self._stop_steering(Event.ABORT)
         if self.motion == MotionState.MOVING:
@@ -523,6 +535,7 @@ class RobotState:
             return
         self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
         self.actions.append(Logged(fault.sentence, error=True))
+        self.interrupt()
         self._clear_program()
         self._enter(Event.FAIL)
 

@@ -200,7 +200,7 @@ class TransformationTaskNode(PollingNode):
         self._receiver = AtReceiver(self, clock, factor > 0.0, controller)
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
-        offer_service_requests(self, controller.services)
+        offer_service_requests(self, controller, self.run_actions)
         self._injection = FaultInjection(self, controller, parameters)
         self._planner = PlannerLink(self, controller, self.run_actions)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)

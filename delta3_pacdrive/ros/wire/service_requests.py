@@ -17,15 +17,14 @@ from delta3_pacdrive.errors import Delta3Error, Reason
 from delta3_pacdrive.robot.drive.operation_data import TABLE, refusal, value_text
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, format_idn
-from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.interfaces import SERVICE_ANSWER, SERVICE_REQUEST
 from delta3_pacdrive.ros.wire.request_server import RequestServer
 
 
-def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
-    """Offer the service channels on the graph."""
+def offer_service_requests(node: Node, controller: RobotController, changed: Callable[[], None]) -> None:
+    """Offer the service channels on the graph; ``changed`` executes the resulting actions."""
     answers = SERVICE_ANSWER.publisher(node)
 
     def receive(message: String) -> None:
@@ -35,10 +34,13 @@ def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
             answers.publish(String(data=f'{mark} {text}' if mark else text))
 
         try:
-            index, access = parse_request(request, requests.drives)
-            requests.ask(index, access, lambda index, result: answer(outcome(index, access, result)))
+            index, access = parse_request(request, controller.services.drives)
+            controller.commissioning.ask(
+                index, access, lambda index, result: answer(outcome(index, access, result))
+            )
         except Delta3Error as error:
             answer(answer_text(False, str(error)))
+        changed()
 
     SERVICE_REQUEST.subscription(node, receive)
 
