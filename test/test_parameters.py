@@ -511,6 +511,14 @@ def test_equal_values_have_equal_checksums(robot, tree, load_tree):
     assert load_tree(dict(reversed(tree.items()))).checksum == robot.checksum
 
 
+def with_procedures(robot, name, changed):
+    """Return a robot on which data of procedures count; they do not if the drives know all offsets."""
+    if not name.startswith('commissioning.'):
+        return robot
+    assert replace(robot, name, changed).checksum == robot.checksum
+    return robot.replace(mounting__commissioned=False)
+
+
 @for_each('name', FIELDS)
 def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
     if name == 'bus.cycle_time_s':
@@ -543,6 +551,7 @@ def test_checksum_depends_on_the_last_bit_of_every_value(name, robot, values):
         assert replace(robot, name, changed).checksum == robot.checksum
         robot = robot.replace(supply__enabled=True)
     group, key = name.split('.')
+    robot = with_procedures(robot, name, changed)
     if group in ('gear', 'joints') and key != 'limit_moves':
         robot = robot.replace(**{f'{group}__limit_moves': False})
         assert replace(robot, name, changed).checksum == robot.checksum

@@ -18,8 +18,6 @@ class MotionState(StrEnum):
 
 def sentence(state: str) -> str:
     """Return a motion state as a sentence, such as ``the robot is moving``."""
-    if state == MotionState.COMMISSIONING:
-        return 'a drive of the robot executes a procedure command'
     return 'the robot is in the error state' if state == MotionState.ERROR else f'the robot is {state}'
 
 

@@ -22,6 +22,7 @@ from delta3_pacdrive.control.actions import (
 from delta3_pacdrive.control.cycle.cycle import ControllerCycle
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin, Request
+from delta3_pacdrive.control.motion_state import Event
 from delta3_pacdrive.control.operation.control import Control, Operator
 from delta3_pacdrive.control.operation.enabling import Enabling
 from delta3_pacdrive.control.operation.orders import Orders
@@ -259,6 +260,10 @@ class Rig:
             self.run(100)
         elif motion == 'steered':
             assert isinstance(self.state.steer(Limits(1.0, 10.0, 500.0)), str)
+            self.settle()
+            self.tell()
+        elif motion == 'commissioning':
+            self.state.commission(Event.COMMISSION)
             self.settle()
             self.tell()
         elif motion != 'idle':

@@ -90,6 +90,7 @@ class Group(StrEnum):
     LIMITS = 'limits'
     TIMING = 'timing and mode'
     ENCODER = 'encoder and gear'
+    COMMISSIONING = 'commissioning'
     MOTOR = 'motor and brake'
     ACTUAL_VALUES = 'actual values'
     EXCITATION = 'excitation'
@@ -361,6 +362,9 @@ _GROUPS = {
         _row('S-0-0121', 'Input revolutions of load gear', ONE, 'dynamics.gear_in'),
         _row('S-0-0122', 'Output revolutions of load gear', ONE, 'dynamics.gear_out'),
         _row('S-0-0177', 'Absolute distance 1', 'rad', 'absolute_distance', 'bus.increments_per_rev', formula=_angle),
+        _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
+    ),
+    Group.COMMISSIONING: (
         _row('S-0-0403', 'Position feedback value status (1 homed)', ONE, 'homed'),
         _row('S-0-0147', 'Homing parameter', BITS, formula=_constant(UPWARDS_WITHOUT_MARKER)),
         _set('S-0-0041', 'Homing velocity', 'rad/s', 'commissioning.homing_speed_rad_s', ALWAYS),
@@ -374,7 +378,9 @@ _GROUPS = {
         _row('P-0-0509', 'Direction of the field (1: inverted)', ONE, 'field_inverted', writable_in=ALWAYS,
              range=(0.0, 1.0)),
         _row('P-0-0510', 'Commutation offset is known', ONE, 'commutated'),
-        _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
+        _set('P-0-0521', 'Torque at an end stop or an obstacle', 'N m', 'commissioning.stop_torque_n_m', ALWAYS),
+        _set('P-0-0522', 'Current of the commutation alignment', 'A', 'commissioning.alignment_current_a', ALWAYS),
+        _set('P-0-0523', 'Torque of the brake test', 'N m', 'commissioning.brake_test_torque_n_m', ALWAYS),
     ),
     Group.MOTOR: (
         _row('S-0-0109', 'Motor peak current', 'A', 'motor.peak_current_a'),
@@ -452,9 +458,6 @@ _GROUPS = {
     ),
     # S-0-0099 and the checks are executed immediately, so that they are never found active
     Group.COMMANDS: (
-        _set('P-0-0521', 'Torque at an end stop or an obstacle', 'N m', 'commissioning.stop_torque_n_m', ALWAYS),
-        _set('P-0-0522', 'Current of the commutation alignment', 'A', 'commissioning.alignment_current_a', ALWAYS),
-        _set('P-0-0523', 'Torque of the brake test', 'N m', 'commissioning.brake_test_torque_n_m', ALWAYS),
         _row('P-0-0528', 'Message number of the last procedure command', ONE, 'procedure_error'),
         _row('P-0-0529', 'Result of the last procedure command, in its unit', ONE, 'procedure_result'),
         _row('P-0-0530', 'Step of the last procedure command', ONE, 'procedure_step'),

@@ -86,7 +86,7 @@ NOT_HOMED, INTERRUPTION, OUTSIDE = 8929, 8930, 8931
 
 @kernel
 def start_procedure(procedure, s, c):
-    """Start a procedure; return whether the state of the drive permits it."""
+    """Start ``procedure``, a number of ``Procedure``; return whether the state of the drive permits it."""
     permitted = s.state == READY and s.fault == NO_FAULT and s.link_ready != 0
     if (
         not permitted

@@ -29,8 +29,11 @@ def let_it_happen(rig: Any, event: Event) -> Any:
             return not isinstance(rig.state.abort(), Reason)
         case Event.STEER:
             return isinstance(rig.state.steer(Limits(1.0, 10.0, 500.0)), str)
+        case Event.COMMISSION:
+            rig.state.commission(event)
         case Event.REST | Event.END:
             rig.state.end_steering()
+            rig.state.commission(event)
             rig.run(1000)
         case Event.CLEAR:
             rig.state.abort()
