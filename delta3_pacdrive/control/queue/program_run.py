@@ -358,6 +358,9 @@ class Readiness(TaskStatus):
     def require_rest(self) -> Floats:
         """Return the TCP position; raises RefusedError unless the robot is located and idle."""
         if self.newest is None or self.tcp_m is None:
+            refusal = self.refusal
+            if refusal is not None and refusal.code == Code.STATE:  # an axis is not homed
+                raise RefusedError(refusal)
             raise rejected(Code.BUS, 'the transformation task has not located the robot yet')
         if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
             refusal = self.refusal
