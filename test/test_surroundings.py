@@ -285,6 +285,7 @@ OF_NAMESPACES = {
     'record': ['record', 'bag'],
     'view': ['view'],
     'tune': ['tune', '--apply'],
+    'commission': ['commission', 'report'],
 }
 
 

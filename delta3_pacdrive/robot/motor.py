@@ -117,7 +117,8 @@ def drawn_energy(before, now, speed, step, m):
 def warm_drawn_energy(before, now, speed, step, torque_share, resistance_share, m):
     """Energy as ``drawn_energy``, with K_m and R at shares of their values.
 
-    The currents are those with which a motor with the whole K_m has the same torque.
+    ``before`` and ``now`` are the currents [A] with which a motor with the whole K_m has the same torque during the
+    ``step`` [s]; ``torque_share`` and ``resistance_share`` are the values of K_m and R relative to those of ``m``.
     """
     of_square = 1.0 / (torque_share * torque_share)
     heat = m.phase_resistance * (before * before + before * now + now * now) * step

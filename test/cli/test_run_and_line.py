@@ -78,6 +78,7 @@ RUN = {
     ('--markers',): {'markers': True},
     ('--joint-motion',): {'joint_motion': True},
     ('--logs', 'some_logs'): {'logs': Path('some_logs').absolute()},
+    ('--memory', 'stored'): {'memory': Path('stored').absolute()},
     ('--json',): {},
 }
 

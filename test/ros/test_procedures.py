@@ -23,7 +23,7 @@ class Robot:
         graph.add(UnitRobotNode, motion__start_cycle=-1, mounting__commissioned=False)
         self.operator, self.other = (graph.add(OperatorNode, graph.spin_for) for _ in range(2))
         graph.spin_until(
-            lambda: self.refusal().endswith('home each axis (S-0-0148 or S-0-0447)'), 'references'
+            lambda: 'not homed' in self.refusal() and self.operator.progress.cycles > 0, 'references'
         )
 
     def refusal(self) -> str:

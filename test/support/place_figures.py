@@ -436,7 +436,7 @@ CONTENTS = {
     'thesis.experiments.figures.tcp_path': runs.compared_paths,
     'thesis.experiments.figures.tcp_error_norm': runs.compared_errors,
     'thesis.experiments.figures.effects': runs.attributed,
-    'drives.commissioning.acceptance.following_error': studies.accepted_following_error,
+    'drives.commissioning.figures.following_error': studies.accepted_following_error,
     'drives.commissioning.figures.loop': studies.commissioned_loop,
     'drives.commissioning.figures.inertia': studies.commissioned_inertia,
     'drives.ripple.figures.inside_a_cycle': runs.inside_a_cycle,

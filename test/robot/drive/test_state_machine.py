@@ -167,6 +167,7 @@ DIAGNOSTICS = {
     'RESISTOR': (8912, 15, 'BD2'),
     'MOTOR_TEMPERATURE': (8915, 2, 'BD2'),
     'DRIVE_TEMPERATURE': (8917, 1, 'BD2'),
+    'COMMUTATION': (8920, 6, 'AD'),
 }
 
 
@@ -198,7 +199,7 @@ def test_every_warning_has_its_number_and_bit():
 
 def test_no_two_diagnostics_share_a_number_or_a_text():
     rows = [*FAULTS.values(), *WARNINGS.values()]
-    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 21
+    assert len({row.number for row in rows}) == len({row.text for row in rows}) == len(rows) == 22
 
 
 def test_the_stronger_reaction_is_the_larger():

@@ -294,7 +294,10 @@ SERCOS_BITS = {
     Status: {'READY_TO_ENABLE': 15, 'READY_FOR_POWER': 14, 'ERROR': 13, 'WARNING': 12, 'FOLLOWS_COMMAND': 3},
     Class1: {
         'OVERLOAD': 0,
+        'DRIVE_TEMPERATURE': 1,
+        'MOTOR_TEMPERATURE': 2,
         'FEEDBACK': 5,
+        'COMMUTATION': 6,
         'OVER_CURRENT': 7,
         'OVER_VOLTAGE': 8,
         'UNDER_VOLTAGE': 9,
@@ -303,7 +306,7 @@ SERCOS_BITS = {
         'OVERTRAVEL': 13,
         'MANUFACTURER': 15,
     },
-    Class2: {'OVERLOAD': 0, 'MANUFACTURER': 15},
+    Class2: {'OVERLOAD': 0, 'DRIVE_TEMPERATURE': 1, 'MOTOR_TEMPERATURE': 2, 'MANUFACTURER': 15},
     Class3: {'STANDSTILL': 1, 'TORQUE_LIMIT': 4, 'VELOCITY_LIMIT': 5},
     Interface: {'MST_FAILURE': 3, 'MDT_FAILURE': 4},
 }

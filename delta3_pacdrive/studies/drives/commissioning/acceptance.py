@@ -20,7 +20,6 @@ from delta3_pacdrive.studies.drives.commissioning.run import BEFORE, measure, wi
 from delta3_pacdrive.studies.drives.commissioning.study import Measurement
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.columns import Column, TextColumn, csv_table, text_table, to_dict
-from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, dress, titled_figure
 from delta3_pacdrive.studies.framework.provenance import Provenance
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 
@@ -134,7 +133,7 @@ class Study(studies.Study):
         drawings = {
             'loop.png': partial(figures.loop, BEFORE, measured),
             'inertia.png': partial(figures.inertia, measured, mechanics),
-            'following_error.png': partial(following_error, ran, chosen.program),
+            'following_error.png': partial(figures.following_error, ran, chosen.program),
         }
         return folder.results(
             'Acceptance protocol', document, text(document), [csv_table('checks.csv', checks)], drawings
@@ -245,16 +244,3 @@ def text(document: dict[str, Any]) -> list[str]:
         ),
         '',
     ]
-
-
-def following_error(ran: ProgramRun, program: str) -> Any:
-    """Draw the following errors of the drives in the test program, motor side."""
-    figure = titled_figure(f'Following error: {program}', 4.0, parse_math=False)
-    axes = figure.subplots()
-    for number, colour in enumerate(AXIS_COLOURS):
-        axes.plot(
-            ran.time_s, ran.following_error_rad[:, number], color=colour, linewidth=0.8, label=DRIVES[number]
-        )
-    dress(axes, xlabel='time [s]', ylabel='following error [rad]')
-    axes.legend(loc='upper right', fontsize=8, frameon=False)
-    return figure

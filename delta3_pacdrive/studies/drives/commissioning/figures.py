@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.studies.drives.commissioning.mechanics import HIGHEST_HZ, RIGID_HZ, Mechanics
 from delta3_pacdrive.studies.drives.commissioning.responses import usable
 from delta3_pacdrive.studies.drives.commissioning.study import Measurement, Results
@@ -22,6 +23,8 @@ from delta3_pacdrive.studies.framework.report_folder import Drawings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun
 
 LEGEND: dict[str, Any] = {'fontsize': 8, 'frameon': False}
 
@@ -80,4 +83,17 @@ def inertia(measured: Measurement, mechanics: Sequence[Mechanics]) -> Figure:
         dress(axes, xscale='log', yscale='log', ylabel='[kg cm2]')
         axes.legend(loc='lower left', **LEGEND)
     panels[-1].set_xlabel('frequency [Hz]')
+    return figure
+
+
+def following_error(ran: ProgramRun, program: str) -> Figure:
+    """Draw the following errors of the drives in the test program, motor side."""
+    figure = titled_figure(f'Following error: {program}', 4.0, parse_math=False)
+    axes = figure.subplots()
+    for number, colour in enumerate(AXIS_COLOURS):
+        axes.plot(
+            ran.time_s, ran.following_error_rad[:, number], color=colour, linewidth=0.8, label=DRIVES[number]
+        )
+    dress(axes, xlabel='time [s]', ylabel='following error [rad]')
+    axes.legend(loc='upper right', fontsize=8, frameon=False)
     return figure

@@ -282,8 +282,11 @@ def test_a_file_that_holds_no_gains_is_rejected(text, tmp_path):
             ('--apply', '--propose', '--recording', 'x.npz'),
             '--apply cannot be combined with --recording',
         ),
-        (('--apply', 'x.yaml', '--namespace', '/a'), '--namespace requires --apply without a file'),
-        (('--namespace', '/a'), '--namespace requires --apply without a file'),
+        (
+            ('--apply', 'x.yaml', '--namespace', '/a'),
+            '--namespace requires --running, or --apply without a file',
+        ),
+        (('--namespace', '/a'), '--namespace requires --running, or --apply without a file'),
     ],
 )
 def test_options_that_do_not_fit_are_rejected(arguments, told, capsys):
