@@ -152,6 +152,7 @@ def advance_procedure(s, c):
 
 @kernel
 def _enter(step, s):
+    """Begin a ``step`` of the procedure."""
     s.procedure_step = step
     s.procedure_timer = 0
 
@@ -173,6 +174,7 @@ def _fail(error, s):
 
 @kernel
 def _succeed(s):
+    """End the procedure with success."""
     s.acknowledgement = DONE
     if s.state == PROCEDURE:
         end_procedure(s)
