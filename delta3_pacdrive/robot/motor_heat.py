@@ -93,7 +93,7 @@ def iron_share(speed, h):
 
 @kernel
 def warmer_gear(share, period, h):
-    """Viscous friction of a gear relative to F_v after a time."""
+    """Viscous friction of a gear relative to F_v, ``share`` before and the result after a ``period`` [s]."""
     return h.warm_share + (share - h.warm_share) * math.exp(-period / h.warm_up)
 
 

@@ -81,7 +81,7 @@ def _feed_back(axes, r):
 
 @kernel
 def _cross(axes, r, currents):
-    """Give the currents and brake outputs of the first ``axes`` drives of the record ``r`` to their motors."""
+    """Give the ``currents`` and brake outputs of the first ``axes`` drives of the record ``r`` to their motors."""
     for i in range(axes):
         motor = r.motors[i]
         if motor > i:  # a pair

@@ -339,7 +339,7 @@ def _find_switch(s, c):
 
 @kernel
 def _wrapped(angle):
-    """Angle [rad] from -pi to pi."""
+    """``angle`` [rad] within -pi and pi."""
     return angle - math.tau * math.floor(angle / math.tau + 0.5)
 
 

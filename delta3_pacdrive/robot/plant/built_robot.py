@@ -139,7 +139,7 @@ def bristle_after(bristle, speed, duration, m, r):
 
 @kernel
 def bristle_friction(bristle, speed, friction_share, m, r):
-    """Friction torque at the shaft if the viscous friction has fallen to a share."""
+    """Friction torque at the shaft if the viscous friction has fallen to ``friction_share`` of F_v."""
     ratio = speed / r.stribeck_speed
     share = math.exp(-ratio * ratio)
     torque = r.bristle_stiffness * bristle + friction_share * m.viscous_friction * speed

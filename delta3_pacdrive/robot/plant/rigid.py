@@ -16,7 +16,7 @@ from delta3_pacdrive.robot.plant.contact import end_stop_torque
 
 @kernel
 def effective_currents(currents, k, s):
-    """Currents [A] at the end of step ``k``, with which motors with the whole K_m have the same torque."""
+    """``currents`` [A] at the end of step ``k``, as those with which motors with the whole K_m have the same torque."""
     return (
         s.torque_share[0] * currents[k, 0],
         s.torque_share[1] * currents[k, 1],
@@ -26,7 +26,10 @@ def effective_currents(currents, k, s):
 
 @kernel
 def drive_torque(current, friction_share, theta, thetadot, c, m):
-    """Torque [N m, arm side] of one motor through its gear, less friction and end stop."""
+    """Torque [N m, arm side] of one motor through its gear, less friction and end stop.
+
+    ``friction_share`` is the viscous friction relative to F_v.
+    """
     speed = c.gear_ratio * thetadot
     torque = c.gear_ratio * (m.torque_constant * current - warm_friction_torque(speed, friction_share, m))
     return torque - end_stop_torque(theta, thetadot, c)

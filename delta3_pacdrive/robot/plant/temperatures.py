@@ -135,7 +135,7 @@ def temperatures(i, bodies):
 
 @kernel
 def warm_plant(i, bodies, state, place):
-    """Set K_m, R and friction of axis ``i`` in the ``state`` of arms or rotary axis, at an index of its arrays."""
+    """Set K_m, R and friction of axis ``i`` in the ``state`` of arms or rotary axis, at the index ``place``."""
     s, h = bodies[i].state, bodies[i].heat
     state.torque_share[place] = torque_share(s.felt, h)
     state.resistance_share[place] = resistance_share(s.felt, h)
