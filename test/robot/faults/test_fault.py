@@ -36,7 +36,7 @@ def test_every_kind_applies_to_a_participant(kind):
         assert not applies_to(fault, 'axis1')
     own = [node for node in fault_table.NODES if applies_to(fault, node)]
     if kind in ('brake_worn', 'brake_stuck', 'overload', 'payload_lost') or kind in OF_PLANT:
-        assert own == ['plant']  # brakes, loads, heat and what is gripped are the machine's
+        assert own == ['plant']  # brakes, loads, heat and gripped parts belong to the machine
     elif kind in fault_table.AT_FAULTS or kind == 'emergency_stop':
         assert own == ['transformation_task']
     elif kind == 'clear':
