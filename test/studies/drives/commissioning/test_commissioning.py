@@ -1,4 +1,4 @@
-"""Tests of the commissioning of a robot by excitation, on simulated drives: measurement, proposal and verification of gains."""
+"""Tests of the commissioning by excitation, on simulated drives: measurement, proposal and verification of gains."""
 
 import contextlib
 import json
