@@ -15,8 +15,7 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import parse_idn
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.scoped import ScopedRobot
-from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun, RestRecord
-from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord
+from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord, ProgramRun, RestRecord
 
 AT_REST_S = 0.3  # recorded after the motion
 CHANNELS = (

@@ -21,8 +21,7 @@ from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import format_idn
 from delta3_pacdrive.ros.clients.remote_parameters import RemoteParameters
 from delta3_pacdrive.ros.clients.scope_client import ScopeClient
-from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun, RestRecord
-from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord
+from delta3_pacdrive.studies.drives.commissioning.robot import AxisRecord, ProgramRun, RestRecord
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -9,13 +9,12 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 
-from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive.operation_data import OF_PARAMETER, TABLE
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import format_idn
 from delta3_pacdrive.studies.drives.commissioning import figures
-from delta3_pacdrive.studies.drives.commissioning.robot import RunningRobot
+from delta3_pacdrive.studies.drives.commissioning.robot import ProgramRun, RestRecord, RunningRobot
 from delta3_pacdrive.studies.drives.commissioning.run import BEFORE, measure, with_actual_gains
 from delta3_pacdrive.studies.drives.commissioning.study import Measurement
 from delta3_pacdrive.studies.framework import study as studies
@@ -39,23 +38,6 @@ class Settings:
     phase_margin_deg: float = 30.0
     gain_margin_db: float = 6.0
     tcp_error_m: float = 1e-3
-
-
-@dataclass(frozen=True)
-class ProgramRun:
-    """Execution of the test program."""
-
-    figures: dict[str, Any]  # of the controller: TCP error, currents
-    time_s: Floats
-    following_error_rad: Floats  # of the drives, shape (samples, 3)
-
-
-@dataclass(frozen=True)
-class RestRecord:
-    """Encoders of the disabled robot."""
-
-    position_rad: Floats  # shape (samples, 3)
-    moved_rad: Sequence[float]  # from enabled to the end of the record
 
 
 class AcceptanceRobot(RunningRobot, Protocol):

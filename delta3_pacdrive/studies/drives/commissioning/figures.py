@@ -24,7 +24,7 @@ from delta3_pacdrive.studies.framework.report_folder import Drawings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.studies.drives.commissioning.acceptance import ProgramRun
+    from delta3_pacdrive.studies.drives.commissioning.robot import ProgramRun
 
 LEGEND: dict[str, Any] = {'fontsize': 8, 'frameon': False}
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -22,6 +22,23 @@ class AxisRecord:
     def own(self, channel: str) -> Floats:
         """Return a channel of the moved axis."""
         return self.signals[f'axis{self.axis + 1}.{channel}']
+
+
+@dataclass(frozen=True)
+class ProgramRun:
+    """Execution of the test program."""
+
+    figures: dict[str, Any]  # of the controller: TCP error, currents
+    time_s: Floats
+    following_error_rad: Floats  # of the drives, shape (samples, 3)
+
+
+@dataclass(frozen=True)
+class RestRecord:
+    """Encoders of the disabled robot."""
+
+    position_rad: Floats  # shape (samples, 3)
+    moved_rad: Sequence[float]  # from enabled to the end of the record
 
 
 class RunningRobot(Protocol):
