@@ -1,7 +1,7 @@
 """Replay one minute of a robot of a line with the full simulation, with the same parts at the same times.
 
 A script starts each part at its time in the shift, or as soon as the robot is free. The replay compares cycle times
-and lists the parts that cannot be reached.
+and lists the parts that cannot be reached. The replays of all robots give the load of a DC link for the whole line.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,12 @@ from delta3_pacdrive.belts.queue import QueuedPart
 from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.cell.cell import Cell
 from delta3_pacdrive.errors import LineError, ScriptError
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.scripting.simulation import Simulation, simulate
 from delta3_pacdrive.studies.fleet.line.design import Line, LineRobot, PartKind
+from delta3_pacdrive.studies.fleet.line.run import Study as Shift
 from delta3_pacdrive.studies.fleet.line.shift import BeltShift
+from delta3_pacdrive.studies.runs.run_supply import CommonSupply, DrivesPower, common_supply, drives_power
 
 BEFORE_M = 1.5  # length of the belt upstream of the robot
 BELT_M = 3.0
@@ -36,9 +39,27 @@ class ReplayedPart:
     missed: str  # reason, or empty
 
 
-def replay(
-    line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S
-) -> list[ReplayedPart]:
+@dataclass(frozen=True)
+class Replay:
+    """Replayed cycles of a robot, and all signals."""
+
+    parts: list[ReplayedPart]
+    trace: Trace
+    start_s: float  # bus time of the first cycle
+    shift_s: float  # its time in the shift
+
+    def powers(self, line: Line) -> DrivesPower:
+        """Return the powers of the drives by bus cycles since the begin of the shift; raises TraceError."""
+        cycle_s = line.parameters.bus.cycle_time_s
+        kept = self.trace.time_s > self.start_s - 0.5 * cycle_s
+        signals = {
+            name: values[kept] for name, values in self.trace.signals.items() if len(values) == len(kept)
+        }
+        part = Trace(self.trace.time_s[kept], signals, self.trace.meta)
+        return drives_power(part, line.parameters, round(self.shift_s / cycle_s))
+
+
+def replay(line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S) -> Replay:
     """Replay the parts that a robot started to pick in a time window of the shift.
 
     Parameters
@@ -66,10 +87,10 @@ def replay(
     with simulate(line.parameters, cell=_cell(station, speed), name=f'{robot} again') as simulated:
         simulated.move_l(to_mm=[MM * x for x in station.place_m])
         simulated.wait_time(START_S)
+        began = float(belt.start_s[parts[0]])
         now, way = simulated.state().time_s, simulated.belt(BELT).way_m
-        found = []
+        begun, found = now, []
         for part in parts:
-            began = float(belt.start_s[parts[0]])
             due = now + float(belt.start_s[part]) - began
             along = speed * (began - belt.parts.enters_s[part]) - station.at_m + BEFORE_M - way
             queued = QueuedPart('', float(along), float(belt.parts.across_m[part]), belt=BELT)
@@ -82,7 +103,7 @@ def replay(
                 missed = str(error)
             took = float('nan') if missed else simulated.state().time_s - start
             found.append(ReplayedPart(int(part) + 1, float(belt.cycle_s[part]), took, start - due, missed))
-    return found
+    return Replay(found, simulated.trace, begun, began)
 
 
 def _pick(robot: Simulation, line: Line, station: LineRobot, part: QueuedPart, kind: PartKind) -> None:
@@ -121,6 +142,31 @@ def _cell(station: LineRobot, speed_m_s: float) -> Cell:
     cup = {'output': 'gripper', 'diameter_mm': 60, 'vacuum_pa': 60000, 'build_up_s': 0.006, 'valve': valve}
     part = {'mass_kg': 0.2, 'size_mm': [60, 40, 20], 'friction': 0.5}
     return cell_file.parse({'name': station.name, 'cup': cup, 'parts': {'part': part}, 'belts': {BELT: belt}})
+
+
+def common(shift: Shift, begin_s: float, seconds: float = MINUTE_S) -> CommonSupply:
+    """Replay all robots that work in a time window of a shift; return the load of one DC link for them.
+
+    Raises
+    ------
+    LineError
+        Fewer than two robots work at the same time.
+
+    """
+    powers = []
+    for belt in shift.results.belts if shift.results else ():
+        for number, robot in enumerate(belt.robots):
+            during = (belt.robot == number) & (belt.start_s >= begin_s) & (belt.start_s < begin_s + seconds)
+            if during.any():
+                shift.on_progress(f'{robot} again', 0, 0)
+                powers.append(replay(shift.line, belt, robot, begin_s, seconds).powers(shift.line))
+    found = common_supply(powers, shift.line.parameters) if len(powers) > 1 else None
+    if found is None:
+        raise LineError(
+            f'fewer than two robots work at the same time between {begin_s:g} s and {begin_s + seconds:g} s of the '
+            'shift'
+        )
+    return found
 
 
 def summary(found: list[ReplayedPart]) -> dict[str, Any]:

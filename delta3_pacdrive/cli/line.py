@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option, settings_of
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
 from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
@@ -36,7 +36,11 @@ class Options(JsonOptions):
     )
     replay: str | None = option('replay one minute of this robot with the full simulation', 'ROBOT')
     minute: int | None = option(
-        'minute of the shift for --replay, from 1', 'N', type=integer_within(1, 24 * 60)
+        'minute of the shift for --replay and --common-supply, from 1', 'N', type=integer_within(1, 24 * 60)
+    )
+    common_supply: bool = flag(
+        'replay all robots in this minute, and show the load of one DC link for all of them',
+        excludes=('--replay',),
     )
     output: str = option('folder for tables, figures and report', 'DIR', default='line_shift')
 
@@ -55,21 +59,22 @@ def run(options: Options) -> Output:
         specification=specification.find(options.specification),
         rule=None if options.rule is None else Rule(options.rule),
     )
-    if (options.replay is None) != (options.minute is None):
-        raise LineError('--replay and --minute must be given together')
+    if (options.replay is None and not options.common_supply) != (options.minute is None):
+        raise LineError('--replay or --common-supply, and --minute must be given together')
     folder = Path(options.output).absolute()
 
     def simulated(made: run.Study) -> dict[str, Any]:
-        if options.replay is None or options.minute is None:
+        if options.minute is None:
             return made.run()
-        made.require_robot(options.replay, options.minute)
-        summary = made.run()
+        made.require_minute(options.minute, options.replay)
+        summary, begin_s = made.run(), MINUTE_S * (options.minute - 1)
         from delta3_pacdrive.benchmarks import line_replay
 
+        if options.replay is None:
+            return summary | {'common_supply': asdict(line_replay.common(made, begin_s))}
         made.on_progress(f'{options.replay} again', 0, 0)
-        belt = made.belt_of(options.replay)
-        again = line_replay.replay(made.line, belt, options.replay, MINUTE_S * (options.minute - 1))
-        return summary | {'replay': line_replay.summary(again)}
+        again = line_replay.replay(made.line, made.belt_of(options.replay), options.replay, begin_s)
+        return summary | {'replay': line_replay.summary(again.parts)}
 
     def text(summary: dict[str, Any]) -> Iterable[str]:
         yield from report.text(summary)
@@ -77,6 +82,10 @@ def run(options: Options) -> Output:
             from delta3_pacdrive.benchmarks import line_replay
 
             yield from ['', *line_replay.text(summary['replay'])]
+        if 'common_supply' in summary:
+            from delta3_pacdrive.studies.runs.run_supply import CommonSupply
+
+            yield from ['', *CommonSupply.of(summary['common_supply']).lines()]
 
     return run_study(
         options, lambda show: run.Study(settings, folder, options.command_line, show), text, folder, simulated

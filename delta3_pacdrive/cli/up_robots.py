@@ -6,17 +6,18 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run import GraphOptions, asked_for, lacking
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import RunError, TraceError
 
 if TYPE_CHECKING:
     from delta3_pacdrive.bringup.options import Options as BringupOptions
+    from delta3_pacdrive.parameters import Parameters
 
 HEADINGS = ('robot', 'phase', 'state', 'bus time', 'overruns', 'lost AT')
 ALIGNED = ('left', 'left', 'left', 'right', 'right', 'right')
@@ -117,13 +118,14 @@ def _rich_table(robots: Sequence[Any]) -> Any:
 def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
     """Start robots and keep them running until Ctrl-C or until all have ended; return the result."""
     started_s = time.monotonic()
-    from delta3_pacdrive.bringup.environment import namespaces, only_one
+    from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
 
     names = namespaces(count, options.namespace)
     with ExitStack() as held:  # report robots that are already running before slow imports
         for name in names:
             held.enter_context(only_one(name))
     from delta3_pacdrive.bringup import robots
+    from delta3_pacdrive.bringup.options import check_options
 
     asked = asked_for(options)
     page = bool(options.view or options.view_port)
@@ -135,7 +137,11 @@ def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
     supervisor = robots.Robots(each, page, options.view_port, started_s, shared_clock)
     with _Display(options.json) as display:
         supervisor.run(display.show, display.print)
-    return _output(options, supervisor.now, bags, supervisor.crowded)
+    loads: dict[str, Any] = {}
+    if shared_clock and bags is not None:
+        robot, _, _ = check_options(replace(each[0], bag=None))
+        loads = load_of_recordings([bag_of(bags, name) for name in names], robot)
+    return _output(options, supervisor.now, bags, supervisor.crowded, loads)
 
 
 def options_of_each(common: BringupOptions, names: Sequence[str]) -> list[BringupOptions]:
@@ -169,7 +175,29 @@ def _folder_of_bags(folder: Path | None) -> Path | None:
     return folder
 
 
-def _output(options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str) -> Output:
+def load_of_recordings(recordings: Sequence[Path], robot: Parameters) -> dict[str, Any]:
+    """Return the load of one DC link for all robots, or why it is unknown; empty without a model of the supply."""
+    from delta3_pacdrive.bringup.bringup import ENERGY_CYCLES_MAX
+    from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.studies.runs.run_supply import common_supply, drives_power
+
+    if not robot.supply.enabled:
+        return {}
+    try:
+        traces = [trace_file.load(path) for path in recordings]
+        if max(len(trace.time_s) for trace in traces) > ENERGY_CYCLES_MAX:
+            raise TraceError(f'a recording has more than {ENERGY_CYCLES_MAX} cycles')
+        found = common_supply([drives_power(trace, robot) for trace in traces], robot)
+    except TraceError as error:
+        return {'common_supply_unknown': str(error)}
+    if found is None:
+        return {'common_supply_unknown': 'the recordings have no bus cycle in common'}
+    return {'common_supply': asdict(found)}
+
+
+def _output(
+    options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str, loads: dict[str, Any]
+) -> Output:
     dead = [robot.namespace for robot in robots if robot.error]
     results = {
         robot.namespace: (robot.result or {'ok': not robot.error})
@@ -177,10 +205,20 @@ def _output(options: GraphOptions, robots: Sequence[Any], bags: Path | None, cro
         | {'notices': robot.notes}
         for robot in robots
     }
-    result = {'ok': not dead, 'real_time': not crowded, 'robots': results}
+    result = {'ok': not dead, 'real_time': not crowded, 'robots': results} | loads
     message = f'error: {len(dead)} of {len(robots)} robots ended early: {", ".join(dead)}' if dead else ''
-    document, text = with_provenance(result, options), result_lines(robots, bags)
+    document = with_provenance(result, options)
+    text = [*result_lines(robots, bags), *load_lines(loads)]
     return Output(document, text, int(bool(dead)), message=message)
+
+
+def load_lines(loads: dict[str, Any]) -> list[str]:
+    """Return the load of a common DC link as lines of text."""
+    if 'common_supply' in loads:
+        from delta3_pacdrive.studies.runs.run_supply import CommonSupply
+
+        return CommonSupply.of(loads['common_supply']).lines()
+    return [f'load of a common DC link unknown: {why}' for why in loads.values()]
 
 
 def result_lines(robots: Sequence[Any], bags: Path | None) -> list[str]:

@@ -1,9 +1,11 @@
 """Tests of the replay of one minute of a line: cycle times equal those of the shift, without missed parts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.benchmarks import line_replay
 from delta3_pacdrive.errors import LineError
 from delta3_pacdrive.studies.fleet.line.design import Rule
@@ -21,7 +23,7 @@ def shift():
 
 
 def test_the_full_simulation_takes_as_long_as_the_shift_and_misses_nothing(shift):
-    again = line_replay.replay(*shift, 'robot2', 30.0, SECONDS)
+    again = line_replay.replay(*shift, 'robot2', 30.0, SECONDS).parts
     told = line_replay.summary(again)
     assert told['picked'] == told['picked_again'] > 5
     assert told['difference_max_s'] < AGREE_S
@@ -33,7 +35,7 @@ def test_the_full_simulation_takes_as_long_as_the_shift_and_misses_nothing(shift
 def test_unreachable_part_is_reported(shift):
     line, found = shift
     late = replace(found, parts=found.parts._replace(enters_s=found.parts.enters_s - 1.2))
-    told = line_replay.summary(line_replay.replay(line, late, 'robot1', 30.0, 1.5))
+    told = line_replay.summary(line_replay.replay(line, late, 'robot1', 30.0, 1.5).parts)
     assert told['picked_again'] < told['picked']
     assert 'the window ends at' in told['missed'][0]['reason']
     assert any(
@@ -44,3 +46,23 @@ def test_unreachable_part_is_reported(shift):
 def test_a_time_without_picks_is_rejected(shift):
     with pytest.raises(LineError, match='robot1 picked no part between 3600 s and 3660 s'):
         line_replay.replay(*shift, 'robot1', 3600.0)
+
+
+def test_all_robots_share_one_dc_link_at_the_times_of_the_shift(shift):
+    line, belt = shift
+    line = replace(line, parameters=parameters.load('model+supply'))
+    study = SimpleNamespace(line=line, results=SimpleNamespace(belts=[belt]), on_progress=lambda *_: None)
+    found = line_replay.common(study, 30.0, SECONDS)
+    starts = [belt.start_s[(belt.robot == robot) & (belt.start_s >= 30.0)].min() for robot in (0, 1)]
+    assert found.robots == 2
+    assert SECONDS - 1.0 < found.time_s < SECONDS + 1.0
+    powers = [
+        line_replay.replay(line, belt, robot, 30.0, SECONDS).powers(line) for robot in ('robot1', 'robot2')
+    ]
+    # the replay begins in the bus cycle of the first part
+    assert [one.first_cycle for one in powers] == [round(start / 1e-3) for start in starts]
+    assert found.separate_peak_w > max(one.mains_w.max() for one in powers)
+    with pytest.raises(
+        LineError, match='fewer than two robots work at the same time between 3600 s and 3605 s'
+    ):
+        line_replay.common(study, 3600.0, SECONDS)

@@ -3,6 +3,7 @@
 import json
 import re
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -174,24 +175,41 @@ def test_the_folder_of_a_line_is_that_of_its_option(monkeypatch, tmp_path):
     assert (folder, command) == (tmp_path / 'here', f'delta3 line line --output {tmp_path}/here')
 
 
+@dataclass
+class Times:
+    line: str
+    begin_s: float
+
+
 def test_the_minute_of_a_line_that_is_driven_again_is_that_of_its_options(monkeypatch, tmp_path, capsys):
     made = SimpleNamespace(
         line='the line',
-        require_robot=lambda *given: required.append(given),
+        require_minute=lambda *given: required.append(given),
         run=lambda: {'ok': True},
         on_progress=lambda *_: None,
         belt_of=lambda robot: f'belt of {robot}',
     )
     required = []
     monkeypatch.setattr(line_run, 'Study', lambda *_: made)
-    monkeypatch.setattr(line_replay, 'replay', lambda *given: given)
+    monkeypatch.setattr(line_replay, 'replay', lambda *given: SimpleNamespace(parts=given))
     monkeypatch.setattr(line_replay, 'summary', list)
     options = ['--replay', 'second', '--minute', '3', '--output', str(tmp_path / 'out'), '--json']
     assert line.main(['line', *options]) == 0
-    assert required == [('second', 3)]
+    assert required == [(3, 'second')]
     assert json.loads(capsys.readouterr().out)['replay'] == ['the line', 'belt of second', 'second', 120.0]
+    monkeypatch.setattr(line_replay, 'common', lambda study, begin_s: Times(study.line, begin_s))
+    options[:2] = ['--common-supply']
+    assert line.main(['line', *options]) == 0
+    assert required[1:] == [(3, None)]
+    assert json.loads(capsys.readouterr().out)['common_supply'] == {'line': 'the line', 'begin_s': 120.0}
 
 
 def test_every_option_of_line_is_looked_at(capsys):
     given = {one for arguments in LINE for one in arguments if one.startswith('--')}
-    assert options_of(line, capsys) == given | {'--replay', '--minute', '--output', '--json'}
+    assert options_of(line, capsys) == given | {
+        '--replay',
+        '--common-supply',
+        '--minute',
+        '--output',
+        '--json',
+    }

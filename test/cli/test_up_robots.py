@@ -4,10 +4,18 @@ from pathlib import Path
 
 import pytest
 
+from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.cli import up
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.cli.up_robots import options_of_each, result_lines, text_table
+from delta3_pacdrive.cli.up_robots import (
+    load_lines,
+    load_of_recordings,
+    options_of_each,
+    result_lines,
+    text_table,
+)
+from delta3_pacdrive.planning.program import file_reader as programs
 
 
 class Robot:
@@ -94,3 +102,23 @@ def test_missing_data_of_a_recording_are_reported_with_the_robot():
 def test_only_questions_and_stops_are_for_all_robots(capsys):
     assert main(['move', 'start', '--all']) == 1
     assert capsys.readouterr().err == 'error: move start does not take --all\n'
+
+
+def test_recordings_of_robots_with_one_clock_give_the_load_of_a_common_link(tmp_path):
+    robot = parameters.load('model+supply')
+    paths = [tmp_path / 'robot1.npz', tmp_path / 'robot2.npz']
+    for path in paths:
+        simulation.run(programs.load('experiment1', robot.motion), robot).save(path)
+    lines = load_lines(load_of_recordings(paths, robot))
+    assert lines[0].startswith('2 robots, ')
+    assert [line.split(':')[0] for line in lines[1:]] == [
+        'separate DC links',
+        'common DC link',
+        'mains',
+        'resistor',
+    ]
+    assert load_of_recordings(paths, parameters.load()) == {}
+    paths[1].unlink()
+    (sentence,) = load_lines(load_of_recordings(paths, robot))
+    assert sentence.startswith('load of a common DC link unknown: ')
+    assert 'robot2.npz' in sentence

@@ -11,7 +11,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.motor import drawn_energy, motor
-from delta3_pacdrive.robot.plant.dc_link import DcLink
+from delta3_pacdrive.robot.plant.dc_link import DcLink, integrate_link
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,6 @@ def load_of_motion(
     drawn_j = np.empty(len(time_s))
     _accumulate(time_s, current_a, speed_rad_s, motor(parameters)[0], drawn_j)
     energies = np.diff(np.interp(time_s[0] + period_s * np.arange(count + 1), time_s, drawn_j))
-    link = DcLink(parameters)
-    found = np.empty((3, count))
-    for n, energy in enumerate(energies.tolist()):
-        volts, _, _ = link.values()
-        link.begin_cycle()
-        link.advance(energy)
-        state = link.state[0]
-        found[:, n] = state['cycle_mains'], volts, state['cycle_resistor']
-    mains_j, voltage_v, resistor_j = found
+    mains_j, voltage_v, resistor_j = found = np.empty((3, count))
+    integrate_link(energies, 1, DcLink(parameters).record, found)
     return supply_load(mains_j / period_s, voltage_v, resistor_j / period_s, energies / period_s, parameters)

@@ -162,6 +162,32 @@ def advance_link(drawn, link):
         s.cycle_resistor += h * middle * burnt
 
 
+@kernel
+def integrate_link(drawn, exchanges, link, found):
+    """Integrate the link through consecutive periods.
+
+    Parameters
+    ----------
+    drawn
+        Energies drawn by all motors in the periods [J], shape (n,).
+    exchanges
+        Exchange periods per period.
+    link
+        Array of one record ``LINK``.
+    found
+        Receives energy from the mains [J], voltage at the begin [V] and energy in the resistor [J] of each period,
+        shape (3, n).
+
+    """
+    s = link[0].state
+    for n in range(drawn.shape[0]):
+        found[1, n] = s.voltage
+        begin_link_cycle(link)
+        for _ in range(exchanges):
+            advance_link(drawn[n] / exchanges, link)
+        found[0, n], found[2, n] = s.cycle_mains, s.cycle_resistor
+
+
 class DcLink:
     """The DC link of all drives of a robot, initially charged without load, or empty.
 

@@ -7,13 +7,19 @@ The balance covers the time from the start of the program to the end of the reco
 ``motion`` is the kinetic and potential energy of robot and payload and the magnetic energy of the windings, ``stored``
 the energy of the capacitors. The rest is what this evaluation of the signals does not explain: holding brakes, end
 stops, and losses beyond the friction of the parameters, as in the gears of a built robot.
+
+Robots on one DC link: the powers of their drives add up, and the capacitors of all drives are connected in parallel.
+The motions are those of the separate runs, so this is exact while the voltage limits no drive.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.dynamics import gravity, mass_matrix
+from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Motor, Parameters, numbered, rotary_axis_parameters
 from delta3_pacdrive.planning.limits.supply import SupplyLoad, supply_load
@@ -21,6 +27,7 @@ from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import friction_torques
 from delta3_pacdrive.robot.motor_heat import PHASES
+from delta3_pacdrive.robot.plant.dc_link import DcLink, integrate_link
 from delta3_pacdrive.studies.runs.run_signals import cycles_of, payloads_kg
 
 NEEDED = (*SUPPLY_SIGNALS, 'shaft_speed', 'shaft_position', 'current', 'current_rms')
@@ -62,6 +69,103 @@ class SupplyFigures:
         return [*self.load.rows(), ('balance', self.balance.text)]
 
 
+@dataclass(frozen=True)
+class DrivesPower:
+    """Powers of the drives of a robot in consecutive bus cycles, from its run with its own supply."""
+
+    first_cycle: int
+    drives_w: Floats  # mean of each cycle, shape (n,)
+    mains_w: Floats  # from its own mains, shape (n,)
+    resistor_w: Floats  # in its own brake resistor, shape (n,)
+    voltage_v: Floats  # at the begin of each cycle, shape (n,)
+
+
+def drives_power(trace: Trace, parameters: Parameters, first: int | None = None) -> DrivesPower:
+    """Return the powers of a run; raises TraceError without signals of the supply or with missing cycles.
+
+    ``first`` is the number of the first cycle, if it should differ from that of the trace: another begin of time.
+    """
+    cycles = cycles_of(trace)
+    voltage, mains, resistor = (trace[name][:, 0] for name in SUPPLY_SIGNALS)
+    if len(cycles) < 2 or cycles[-1] - cycles[0] != len(cycles) - 1:
+        raise TraceError('the powers of a DC link need a recording of consecutive bus cycles')
+    # powers are means of the cycle before
+    mains, resistor = mains[1:], resistor[1:]
+    drives_w = mains - resistor - _electronics_w(parameters) - _charging_w(voltage, parameters)
+    return DrivesPower(int(cycles[0]) if first is None else first, drives_w, mains, resistor, voltage[:-1])
+
+
+@dataclass(frozen=True)
+class CommonSupply:
+    """Robots on one DC link against the same robots with a supply each, over the same time."""
+
+    robots: int
+    time_s: float
+    separate_drawn_j: float  # from the mains, all robots
+    separate_resistor_j: float
+    separate_peak_w: float  # sum of the powers from the mains
+    drawn_j: float
+    resistor_j: float
+    load: SupplyLoad  # of the common link
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> 'CommonSupply':
+        """Return the figures in a document for JSON."""
+        return cls(**{**document, 'load': SupplyLoad(**document['load'])})
+
+    def lines(self) -> list[str]:
+        """Return the figures as lines of text."""
+        saved_j = self.separate_drawn_j - self.drawn_j
+        share = 100.0 * saved_j / self.separate_drawn_j if self.separate_drawn_j else 0.0
+        return [
+            f'{self.robots} robots, {self.time_s:.4g} s',
+            f'separate DC links: {self.separate_drawn_j:.4g} J from the mains, {self.separate_peak_w:.0f} W peak, '
+            f'{self.separate_resistor_j:.4g} J in brake resistors',
+            f'common DC link: {self.drawn_j:.4g} J from the mains ({share:.1f} % less), {self.load.power_peak_w:.0f} W '
+            f'peak, {self.resistor_j:.4g} J in the brake resistor',
+            *(f'{name}: {text}' for name, text in self.load.rows()),
+        ]
+
+
+def common_supply(powers: Sequence[DrivesPower], parameters: Parameters) -> CommonSupply | None:
+    """Return the load of one DC link for several equal robots; None if they have no bus cycle in common.
+
+    Mains, rectifier and brake resistor are those of one robot. The common link starts with the energy that the
+    separate ones have at that time.
+    """
+    begin = max(one.first_cycle for one in powers)
+    end = min(one.first_cycle + len(one.drives_w) for one in powers)
+    if end <= begin:
+        return None
+    drives_w, mains_w, resistor_w, voltage_v = (
+        np.array([getattr(one, name)[begin - one.first_cycle : end - one.first_cycle] for one in powers])
+        for name in ('drives_w', 'mains_w', 'resistor_w', 'voltage_v')
+    )
+    supply, period_s = parameters.supply, parameters.bus.cycle_time_s
+    link = DcLink(
+        parameters.replace(
+            supply__capacitance_f=supply.capacitance_f * len(powers),
+            supply__consumption_w=supply.consumption_w * len(powers),
+        )
+    )
+    link.state['voltage'] = np.sqrt(np.mean(voltage_v[:, 0] ** 2))
+    link.state['ready'] = 1
+    total_w = drives_w.sum(axis=0)
+    mains_j, voltage, resistor_j = found = np.empty((3, end - begin))
+    exchanges = round(period_s / parameters.bus.exchange_period_s)
+    integrate_link(total_w * period_s, exchanges, link.record, found)
+    return CommonSupply(
+        robots=len(powers),
+        time_s=float((end - begin) * period_s),
+        separate_drawn_j=float(mains_w.sum() * period_s),
+        separate_resistor_j=float(resistor_w.sum() * period_s),
+        separate_peak_w=float(mains_w.sum(axis=0).max()),
+        drawn_j=float(mains_j.sum()),
+        resistor_j=float(resistor_j.sum()),
+        load=supply_load(mains_j / period_s, voltage, resistor_j / period_s, total_w, parameters),
+    )
+
+
 def supply_of_run(trace: Trace, parameters: Parameters) -> SupplyFigures | None:
     """Return the figures of a simulated or recorded run; None without a model of the supply, or with gaps."""
     start = trace.meta.get('start_cycle')
@@ -77,21 +181,14 @@ def supply_of_run(trace: Trace, parameters: Parameters) -> SupplyFigures | None:
 
 def _figures(part: Trace, parameters: Parameters) -> SupplyFigures:
     """Return the figures of consecutive bus cycles: sums from the begin of the first to that of the last."""
-    supply, drives, period_s = parameters.supply, len(parameters.axes), parameters.bus.cycle_time_s
-    # powers are means of the cycle before
-    voltage, mains, resistor = (
-        part['dc_link_voltage'][:, 0],
-        part['mains_power'][1:, 0],
-        part['resistor_power'][1:, 0],
-    )
+    drives, period_s = len(parameters.axes), parameters.bus.cycle_time_s
+    powers, voltage = drives_power(part, parameters), part['dc_link_voltage'][:, 0]
     copper_j, friction_j, motion_j = np.sum(
         [_of_arms(part, parameters), *(_of_rotary(part, parameters, n) for n in range(drives - ARMS))], axis=0
     ).tolist()
-    electronics_w = supply.consumption_w * drives
-    stored_j = 0.5 * supply.capacitance_f * drives * voltage**2
-    drives_w = mains - resistor - electronics_w - np.diff(stored_j) / period_s
-    drawn_j, resistor_j = (float(power.sum() * period_s) for power in (mains, resistor))
-    electronics_j, charged_j = electronics_w * period_s * len(drives_w), float(stored_j[-1] - stored_j[0])
+    drawn_j, resistor_j = (float(power.sum() * period_s) for power in (powers.mains_w, powers.resistor_w))
+    electronics_j = _electronics_w(parameters) * period_s * len(powers.drives_w)
+    charged_j = float(_charging_w(voltage, parameters).sum() * period_s)
     balance = EnergyBalance(
         drawn_j=drawn_j,
         copper_j=copper_j,
@@ -102,7 +199,21 @@ def _figures(part: Trace, parameters: Parameters) -> SupplyFigures:
         stored_j=charged_j,
         rest_j=drawn_j - copper_j - friction_j - resistor_j - electronics_j - motion_j - charged_j,
     )
-    return SupplyFigures(supply_load(mains, voltage, resistor, drives_w, parameters), balance)
+    return SupplyFigures(
+        supply_load(powers.mains_w, voltage, powers.resistor_w, powers.drives_w, parameters), balance
+    )
+
+
+def _electronics_w(parameters: Parameters) -> float:
+    """Return the consumption [W] of the electronics of all drives."""
+    return parameters.supply.consumption_w * len(parameters.axes)
+
+
+def _charging_w(voltage: Floats, parameters: Parameters) -> Floats:
+    """Return the mean power [W] into all capacitors in each cycle, from the voltages [V] at its ends."""
+    stored_j = 0.5 * parameters.supply.capacitance_f * len(parameters.axes) * voltage**2
+    charging_w: Floats = np.diff(stored_j) / parameters.bus.cycle_time_s
+    return charging_w
 
 
 def _of_arms(part: Trace, parameters: Parameters) -> tuple[float, float, float]:

@@ -1,13 +1,17 @@
 """Tests of the supply in a run: its energy balance, its figures, and the recommended brake resistor."""
 
+from dataclasses import asdict, replace
+
 import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.places.planning import evaluation as planning
-from delta3_pacdrive.studies.runs.run_supply import supply_of_run
+from delta3_pacdrive.studies.runs.run_supply import CommonSupply, common_supply, drives_power, supply_of_run
 
 BALANCE = 1e-3  # of the energy drawn, of every program
 PROGRAMS = sorted(path.stem for path in (parameters.config_directory() / 'programs').glob('*.yaml'))
@@ -85,3 +89,73 @@ def test_a_supply_that_is_never_short_of_voltage_changes_no_motion():
     stiff = simulation.run(programs.load('experiment1', robot.motion), robot)
     for name, values in stiff.signals.items():
         np.testing.assert_array_equal(trace[name], values, err_msg=name)
+
+
+@pytest.fixture(scope='module')
+def braking():
+    """Give the powers of a robot whose brake resistor works, and its parameters."""
+    given, robot = read('packaging_fast', SMALL)
+    return drives_power(simulation.run(given, robot), robot), robot
+
+
+def test_a_common_link_of_one_robot_is_its_own(braking):
+    power, robot = braking
+    found = common_supply([power], robot)
+    assert found.time_s == pytest.approx(len(power.drives_w) * robot.bus.cycle_time_s)
+    assert found.separate_drawn_j == pytest.approx(power.mains_w.sum() * robot.bus.cycle_time_s)
+    # the power is constant in a bus cycle here, in an exchange period there
+    assert found.drawn_j == pytest.approx(found.separate_drawn_j, rel=2e-3)
+    assert found.resistor_j == pytest.approx(found.separate_resistor_j, rel=0.05)
+
+
+def test_equal_robots_with_twice_the_supply_save_nothing(braking):
+    power, robot = braking
+    supply = robot.supply
+    stronger = robot.replace(
+        supply__mains_resistance_ohm=supply.mains_resistance_ohm / 2,
+        supply__resistor_ohm=supply.resistor_ohm / 2,
+    )
+    one, two = common_supply([power], robot), common_supply([power, power], stronger)
+    assert (two.robots, two.separate_drawn_j) == (2, pytest.approx(2.0 * one.separate_drawn_j))
+    assert two.load.voltage_max_v == pytest.approx(one.load.voltage_max_v, abs=1e-6)
+    assert two.drawn_j == pytest.approx(2.0 * one.drawn_j, rel=1e-9)
+
+
+def test_a_robot_that_accelerates_uses_the_energy_of_one_that_brakes(braking):
+    power, robot = braking
+    period = int(np.argmax(np.correlate(-power.drives_w, power.drives_w, 'full')[len(power.drives_w) :])) + 1
+    other = replace(power, first_cycle=power.first_cycle + period)
+    found = common_supply([power, other], robot)
+    assert found.time_s == pytest.approx((len(power.drives_w) - period) * robot.bus.cycle_time_s)
+    assert found.drawn_j < found.separate_drawn_j
+    assert found.resistor_j < 0.5 * found.separate_resistor_j
+    assert found.load.power_peak_w < found.separate_peak_w
+    assert CommonSupply.of(asdict(found)) == found
+    saved = 100.0 * (1.0 - found.drawn_j / found.separate_drawn_j)
+    assert f'({saved:.1f} % less)' in found.lines()[2]
+
+
+def test_energy_of_a_common_link_is_accounted_for(braking):
+    power, robot = braking
+    shifted = replace(power, first_cycle=power.first_cycle + 100)
+    found = common_supply([power, shifted], robot)
+    drives_j = robot.bus.cycle_time_s * (power.drives_w[100:].sum() + power.drives_w[:-100].sum())
+    electronics_j = 2 * 3 * robot.supply.consumption_w * found.time_s
+    # the capacitors hold at most what lies between the smallest and the largest voltage
+    swing_j = 3 * robot.supply.capacitance_f * (found.load.voltage_max_v**2 - found.load.voltage_min_v**2)
+    assert found.drawn_j == pytest.approx(drives_j + electronics_j + found.resistor_j, abs=swing_j)
+
+
+def test_robots_without_a_common_bus_cycle_have_no_common_load(braking):
+    power, robot = braking
+    count = len(power.drives_w)
+    after = [replace(power, first_cycle=power.first_cycle + n) for n in (count - 1, count)]
+    assert [common_supply([power, one], robot) is None for one in after] == [False, True]
+
+
+def test_powers_of_a_recording_with_a_gap_are_rejected():
+    trace = run('experiment1')[1]
+    kept = np.arange(len(trace.time_s)) != 7
+    cut = Trace(trace.time_s[kept], {name: trace[name][kept] for name in SUPPLY_SIGNALS}, trace.meta)
+    with pytest.raises(TraceError, match='consecutive bus cycles'):
+        drives_power(cut, parameters.load('model+supply'))

@@ -83,11 +83,16 @@ class Study(studies.Study):
         )
         return Results(self.line, belts, check, time.monotonic() - start)
 
-    def require_robot(self, robot: str, minute: int) -> None:
-        """Raise LineError if the line does not have this robot or the shift is shorter than this minute."""
+    def require_minute(self, minute: int, robot: str | None) -> None:
+        """Raise LineError if a minute of this robot, or without one of the common DC link, cannot be replayed."""
         names = [one.name for one in self.line.robots]
-        if robot not in names:
+        if robot is not None and robot not in names:
             raise LineError(f'unknown robot {shown(robot)}, {expected(robot, names)}')
+        if robot is None and not self.line.parameters.supply.enabled:
+            raise LineError(
+                'supply.enabled of the robots is false, but --common-supply needs a model of the DC link: choose '
+                'parameters like model+supply in the line file'
+            )
         if MINUTE_S * (minute - 1) >= self.line.shift_s:
             raise LineError(f'minute is {minute}, but the shift ends after {self.line.shift_s / MINUTE_S:g}')
 

@@ -59,7 +59,9 @@ def test_text_gives_number_and_reason(done):
 def test_replay_without_robot_or_minute_is_rejected(done):
     study, _, _ = done
     with pytest.raises(LineError, match="unknown robot 'robot9'"):
-        study.require_robot('robot9', 1)
+        study.require_minute(1, 'robot9')
     with pytest.raises(LineError, match=r'minute is 3, but the shift ends after 1\.8'):
-        study.require_robot('robot1', 3)
+        study.require_minute(3, 'robot1')
+    with pytest.raises(LineError, match=r'supply\.enabled of the robots is false'):
+        study.require_minute(1, None)
     assert study.belt_of('robot2').belt == 'infeed'
