@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, flag, option
 from delta3_pacdrive.cli.option_types import file_ending, finite_number, number_within
 from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.studies import written
@@ -50,10 +50,11 @@ class Options(JsonOptions):
     )
     payload: float | None = option('payload instead of that of the parameters [kg]', 'KG', type=finite_number)
     acceleration: float | None = option(
-        'acceleration for the map of the maximum payload [m/s2] (default: that of moves)',
+        'acceleration for the maps of maximum payload and forces [m/s2] (default: that of moves)',
         'M_S2',
         type=number_within(0.0, 1e4, 'm/s2'),
     )
+    forces: bool = flag('also map the forces in rods and ball joints')
     parameters: str | None = option(PARAMETERS, 'FILE')
     output: str | None = option('folder for maps and tables', 'FOLDER')
     volume: str | None = option(
@@ -81,7 +82,7 @@ def run(options: Options) -> Output:
         robot = robot.replace(dynamics__payload_mass_kg=options.payload)
     planes = tuple(Slice(axis, place) for axis, place in options.planes or ())
     slices = () if options.output is None else planes or evaluation.default_slices(robot)
-    settings = Settings(1e-3 * options.resolution, slices, options.acceleration)
+    settings = Settings(1e-3 * options.resolution, slices, options.acceleration, options.forces)
     evaluation.require_few_poses(settings, robot)
     require_writable_folder(options.output)
     if options.volume is not None:

@@ -12,6 +12,7 @@ from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import CODES, OUT_OF_REACH, REACHED, Capability, capability
+from delta3_pacdrive.planning.limits.joint_forces import joint_forces
 from delta3_pacdrive.planning.limits.limits import OF_WORKSPACE, Limit
 from delta3_pacdrive.studies.framework.columns import key_of_unit
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
@@ -35,6 +36,16 @@ QUANTITIES = (
     Quantity('payload_peak', 'payload accelerated at peak torque', 'kg', 'kg'),
     Quantity('increment', 'TCP motion for one increment of each motor', 'm', 'um', worst_is_large=True),
 )
+FORCES = (  # with ``Settings.forces``
+    Quantity('rod_force', 'force in a rod, accelerated along x, y or z', 'N', 'N', worst_is_large=True),
+    Quantity(
+        'spring_force',
+        'spring force that keeps the joints closed, accelerated along x, y or z',
+        'N',
+        'N',
+        worst_is_large=True,
+    ),
+)
 _CODES = {
     REACHED: 'the robot may be here',
     OUT_OF_REACH: 'out of reach',
@@ -56,6 +67,28 @@ def values_of(found: Capability) -> dict[str, Floats]:
         quantity.key: getattr(found, quantity.key + key_of_unit(quantity.unit)) for quantity in QUANTITIES
     }
     return values | {'serial': found.serial.min(axis=-1)}
+
+
+def mapped(grid: Grid) -> list[Quantity]:
+    """Return the quantities of a grid."""
+    return [quantity for quantity in (*QUANTITIES, *FORCES) if quantity.key in grid.values]
+
+
+def forces_at(points: Floats, acceleration_m_s2: float, parameters: Parameters) -> dict[str, Floats]:
+    """Return the forces of ``FORCES`` at positions (..., 3) for an acceleration from rest.
+
+    The acceleration has its six directions along the axes. In a direction between them its part of a force in a rod is
+    at most sqrt(3) times as large.
+    """
+    flat = points.reshape(-1, 3)
+    rod_n, spring_n = np.zeros(len(flat)), np.zeros(len(flat))
+    for direction in (*np.eye(3), *-np.eye(3)):
+        moved = np.broadcast_to(acceleration_m_s2 * direction, flat.shape)
+        found = joint_forces(flat, np.zeros_like(flat), moved, parameters)
+        rod_n = np.maximum(rod_n, np.abs(found.rod_n).max(axis=(1, 2)))
+        spring_n = np.maximum(spring_n, found.spring_n.max(axis=1))
+    shape = points.shape[:-1]
+    return {'rod_force': rod_n.reshape(shape), 'spring_force': spring_n.reshape(shape)}
 
 
 def default_slices(parameters: Parameters) -> tuple[Slice, ...]:
@@ -81,7 +114,7 @@ def study(settings: Settings, parameters: Parameters, on_progress: OnProgress = 
         slices.append(_layer(plane_axes(plane, parameters), settings, parameters))
     extremes = {
         quantity.key: extreme(volume, quantity.key)
-        for quantity in QUANTITIES
+        for quantity in mapped(volume)
         if (volume.limit == REACHED).any()
     }
     return Results(volume, tuple(slices), extremes, poses, seconds)
@@ -138,7 +171,12 @@ def _layer(coordinates: tuple[Floats, Floats, Floats], settings: Settings, param
     points = np.stack(np.meshgrid(*coordinates, indexing='ij'), axis=-1)
     found = capability(points, parameters, acceleration_m_s2=settings.acceleration_m_s2)
     legal = is_legal_for_the_arms(found.limit)
-    values = {key: np.where(legal, value, np.nan) for key, value in values_of(found).items()}
+    values = values_of(found)
+    if settings.forces:
+        wanted = settings.acceleration_m_s2
+        acceleration = parameters.motion.acceleration_max_m_s2 if wanted is None else wanted
+        values |= forces_at(points, acceleration, parameters)
+    values = {key: np.where(legal, value, np.nan) for key, value in values.items()}
     return Grid(*coordinates, values, found.limit)
 
 

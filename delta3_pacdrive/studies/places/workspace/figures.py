@@ -13,7 +13,7 @@ from delta3_pacdrive.planning.limits.capability import REACHED
 from delta3_pacdrive.studies.framework.columns import in_unit
 from delta3_pacdrive.studies.framework.figure_style import MUTED, empty_figure, panel_title
 from delta3_pacdrive.studies.framework.report_folder import Drawings
-from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, QUANTITIES
+from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, mapped
 from delta3_pacdrive.studies.places.workspace.study import Grid, Quantity, Results, Slice
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def by_name(found: Results, slices: tuple[Slice, ...], parameters: Parameters) -
     """Return the drawing functions of the figures by file name."""
     drawings: dict[str, Any] = {
         f'{quantity.key}.png': partial(quantity_map, found, slices, parameters, quantity)
-        for quantity in QUANTITIES
+        for quantity in mapped(found.volume)
     }
     return {'reach.png': partial(reach_map, found, slices, parameters), **drawings}
 

@@ -15,7 +15,7 @@ from delta3_pacdrive.planning.limits.capability import REACHED
 from delta3_pacdrive.studies.framework.columns import TextColumn, in_unit, key_of_unit, text_table, to_dict
 from delta3_pacdrive.studies.framework.provenance import os_errors_as
 from delta3_pacdrive.studies.framework.report_folder import Table
-from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, QUANTITIES
+from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, mapped
 from delta3_pacdrive.studies.places.workspace.study import Grid, Quantity, Results, Settings
 
 MM = 1e3
@@ -37,7 +37,7 @@ def document(found: Results, settings: Settings, parameters: Parameters) -> dict
         'acceleration_m_s2': acceleration,
         'quantities': {
             quantity.key + key_of_unit(quantity.unit): to_dict(found.extremes[quantity.key])
-            for quantity in QUANTITIES
+            for quantity in mapped(found.volume)
             if quantity.key in found.extremes
         },
         'beyond_limits': {
@@ -66,8 +66,9 @@ def text(found: Results, settings: Settings, parameters: Parameters) -> list[str
     return [
         f'{found.poses} poses, {MM * settings.resolution_m:g} mm apart, in {found.seconds:.2f} s '
         f'({rate:.2f} M poses/s); the robot may be at {inside} of them',
-        f'accelerations with {payload:g} kg, payloads with {acceleration:g} m/s2',
-        *text_table([one for one in QUANTITIES if one.key in found.extremes], columns),
+        f'accelerations with {payload:g} kg, payloads with {acceleration:g} m/s2'
+        + (', forces with both' if settings.forces else ''),
+        *text_table([one for one in mapped(found.volume) if one.key in found.extremes], columns),
     ]
 
 
@@ -87,7 +88,7 @@ def extremes_table(found: Results) -> Table:
     """Return the table of extremes."""
     point = ['x [m]', 'y [m]', 'z [m]']
     rows = []
-    for quantity in QUANTITIES:
+    for quantity in mapped(found.volume):
         if (one := found.extremes.get(quantity.key)) is not None:
             values = [one.least, *one.least_at_m, one.median, one.largest, *one.largest_at_m]
             rows.append([quantity.key, quantity.unit, *values])
@@ -99,7 +100,7 @@ def volume_columns(volume: Grid) -> dict[str, Any]:
     x, y, z = np.meshgrid(volume.x_m, volume.y_m, volume.z_m, indexing='ij')
     reached = np.isfinite(volume.values['condition'])
     columns = {'x [m]': x[reached], 'y [m]': y[reached], 'z [m]': z[reached], 'limit': volume.limit[reached]}
-    for quantity in QUANTITIES:
+    for quantity in mapped(volume):
         name = f'{quantity.key} [{quantity.unit}]' if quantity.unit else quantity.key
         columns[name] = volume.values[quantity.key][reached]
     return columns
@@ -121,7 +122,7 @@ def save_volume(volume: Grid, path: Path, meta: Mapping[str, str]) -> Path:
 
     """
     arrays: dict[str, Any] = {'x_m': volume.x_m, 'y_m': volume.y_m, 'z_m': volume.z_m, 'limit': volume.limit}
-    for quantity in QUANTITIES:
+    for quantity in mapped(volume):
         arrays[quantity.key + key_of_unit(quantity.unit)] = volume.values[quantity.key].astype(np.float32)
     about = {'limits': list(LIMITS), **meta}
     with os_errors_as(f'cannot write {path}'):

@@ -38,7 +38,8 @@ class Settings:
 
     resolution_m: float  # grid spacing of the volume
     slices: tuple[Slice, ...]  # planes that are drawn
-    acceleration_m_s2: float | None = None  # assumed by motion.capability; None: from the parameters
+    acceleration_m_s2: float | None = None  # of payloads and forces; None: from the parameters
+    forces: bool = False  # in rods and ball joints
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.planning.limits.capability import capability
+from delta3_pacdrive.planning.limits.joint_forces import joint_forces
 from delta3_pacdrive.studies.framework.provenance import Provenance
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 from delta3_pacdrive.studies.places.workspace import evaluation, figures, report
@@ -171,3 +172,34 @@ def test_each_slice_has_the_names_of_its_axes_and_its_places(found, robot):
             assert (axes.get_xlabel(), axes.get_ylabel()) == (f'{across} [mm]', f'{up} [mm]')
             low, high = axes.dataLim.intervaly
             assert (low < -900.0 and high < -400.0) if up == 'z' else low == pytest.approx(-high, rel=0.01)
+
+
+def test_maps_of_forces_have_the_largest_of_six_directions_at_each_place(robot):
+    settings = Settings(0.2, (Slice(2, -0.8),), 30.0, forces=True)
+    found = evaluation.study(settings, robot)
+    (grid,) = found.slices
+    for i, j in ((120, 120), (150, 100)):
+        place = [grid.x_m[i], grid.y_m[j], grid.z_m[0]]
+        every = [
+            joint_forces(place, np.zeros(3), 30.0 * sign * direction, robot)
+            for direction in np.eye(3)
+            for sign in (1.0, -1.0)
+        ]
+        rods, springs = grid.values['rod_force'][i, j, 0], grid.values['spring_force'][i, j, 0]
+        assert rods == pytest.approx(max(np.abs(one.rod_n).max() for one in every))
+        assert springs == pytest.approx(max(one.spring_n.max() for one in every))
+        # upwards the six rods carry more than the weight times (1 + a / g), because they are inclined
+        carried = robot.dynamics.payload_mass_kg + robot.dynamics.plate_mass_kg
+        assert rods > carried * (30.0 + robot.dynamics.gravity_m_s2) / 6.0
+    text = report.text(found, settings, robot)
+    assert text[1].endswith('payloads with 30 m/s2, forces with both')
+    assert any('force in a rod, accelerated along x, y or z (N)' in line for line in text)
+    assert 'rod_force [N]' in report.volume_columns(found.volume)
+    assert {'rod_force.png', 'spring_force.png'} < set(figures.by_name(found, settings.slices, robot))
+
+
+def test_without_acceleration_the_forces_are_those_at_rest(robot):
+    rest = joint_forces([0.0, 0.0, -0.8], np.zeros(3), np.zeros(3), robot)
+    found = evaluation.forces_at(np.array([[0.0, 0.0, -0.8]]), 0.0, robot)
+    assert found['rod_force'][0] == np.abs(rest.rod_n).max()
+    assert found['spring_force'][0] == rest.spring_n.max()
