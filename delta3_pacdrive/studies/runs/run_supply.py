@@ -26,7 +26,7 @@ from delta3_pacdrive.planning.limits.supply import SupplyLoad, supply_load
 from delta3_pacdrive.recording.signals import SUPPLY_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import friction_torques
-from delta3_pacdrive.robot.motor_heat import PHASES
+from delta3_pacdrive.robot.motor_heat import PHASES, heat_constants, resistance_share, warmer_gear
 from delta3_pacdrive.robot.plant.dc_link import DcLink, integrate_link
 from delta3_pacdrive.studies.runs.run_signals import cycles_of, payloads_kg
 
@@ -220,16 +220,28 @@ def _of_arms(part: Trace, parameters: Parameters) -> tuple[float, float, float]:
     """Return copper loss, friction and energy of the motion [J] of the arms."""
     motor, ratio, period_s = parameters.motor, parameters.dynamics.gear_ratio, parameters.bus.cycle_time_s
     speed, current = part['shaft_speed'], part['current']
-    copper_w = PHASES * motor.winding_resistance_ohm / 2.0 * part['current_rms'][:-1] ** 2
+    resistance, friction = _warm_shares(part, parameters)
+    copper_w = PHASES * motor.winding_resistance_ohm / 2.0 * (resistance * part['current_rms'] ** 2)[:-1]
     ends, rates = part['shaft_position'][[0, -1]] / ratio, speed[[0, -1]] / ratio
     masses = mass_matrix(ends, parameters)
     kinetic = 0.5 * np.einsum('ki,kij,kj->k', rates, masses, rates)
     stored = kinetic[1] - kinetic[0] + _winding_j(current[-1], motor) - _winding_j(current[0], motor)
     return (
         float(copper_w.sum() * period_s),
-        _friction_j(speed, part.time_s, motor),
+        _friction_j(speed, part.time_s, motor, friction),
         float(stored + _lifting_j(part, parameters)),
     )
+
+
+def _warm_shares(part: Trace, parameters: Parameters) -> tuple[Floats, Floats]:
+    """Return resistance (cycles, arms) and viscous friction (cycles, 1) of a warm robot relative to a cold one."""
+    if 'winding_temperature' not in part.signals:
+        return np.ones((1, 1)), np.ones((1, 1))
+    heat, factor = heat_constants(parameters)[0], parameters.thermal.time_factor
+    gears = [warmer_gear(1.0, factor * time_s, heat) for time_s in part.time_s.tolist()]
+    windings = part['winding_temperature'].tolist()
+    resistances = [[resistance_share(degc, heat) for degc in row] for row in windings]
+    return np.array(resistances), np.array(gears)[:, None]
 
 
 def _winding_j(current: Floats, motor: Motor) -> float:
@@ -237,9 +249,13 @@ def _winding_j(current: Floats, motor: Motor) -> float:
     return float(PHASES * motor.winding_inductance_h / 4.0 * np.sum(current**2))
 
 
-def _friction_j(speed: Floats, time_s: Floats, motor: Motor) -> float:
-    """Return the friction loss [J] of shafts with speeds [rad/s] at the begins of bus cycles, shape (cycles, n)."""
-    return float(np.trapezoid((friction_torques(speed, motor) * speed).sum(axis=1), time_s))
+def _friction_j(speed: Floats, time_s: Floats, motor: Motor, viscous: Floats | float = 1.0) -> float:
+    """Return the friction loss [J] of shafts with speeds [rad/s] at the begins of bus cycles, shape (cycles, n).
+
+    ``viscous`` is the viscous friction relative to F_v.
+    """
+    torque = friction_torques(speed, motor) + (viscous - 1.0) * motor.viscous_friction_n_m_s_rad * speed
+    return float(np.trapezoid((torque * speed).sum(axis=1), time_s))
 
 
 def _lifting_j(part: Trace, parameters: Parameters) -> float:

@@ -21,12 +21,13 @@ TURN = {
     'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.78], 'turn_deg': 180.0, 'speed_m_s': 1.0}}],
 }
 ROTARY = {'rotary__present': True}
+WARM = {'thermal__time_factor': 200.0}  # windings and gears warm up within the program
 
 
 def read(program, changes):
     """Return a program, packaged or given, and its robot."""
     file = parameters.of_run(None, program if isinstance(program, str) else None)
-    robot = parameters.load(f'{file}+supply').replace(**changes)
+    robot = parameters.load(f'{file}+supply{"+thermal" if changes == WARM else ""}').replace(**changes)
     return (programs.load if isinstance(program, str) else programs.parse)(program, robot.motion), robot
 
 
@@ -39,8 +40,8 @@ def run(program, **changes):
 
 @pytest.mark.parametrize(
     ('program', 'changes'),
-    [*((name, {}) for name in PROGRAMS), ('packaging_fast', SMALL), (TURN, ROTARY)],
-    ids=[*PROGRAMS, 'with the resistor', 'rotary axis'],
+    [*((name, {}) for name in PROGRAMS), ('packaging_fast', SMALL), ('packaging_fast', WARM), (TURN, ROTARY)],
+    ids=[*PROGRAMS, 'with the resistor', 'warm motors', 'rotary axis'],
 )
 def test_the_energy_of_every_program_is_accounted_for(program, changes):
     found, trace = run(program, **changes)
