@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 # fields that take a program name; completion offers the packaged programs for them
 PROGRAMS = ('program', 'file', 'inputs', 'values', 'run')
-PARAMETERS = 'parameter file, or the name of a packaged one: built, model, rotary, rotary_2, gears; join several with +'
+PARAMETERS = (
+    'parameter file, or the name of a packaged one: built, model, rotary, rotary_2, gears, frame, supply, thermal, '
+    'sercos2, uncommissioned; join several with +'
+)
 
 
 def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = (), **more: Any) -> Any:

@@ -364,6 +364,8 @@ def turn_samples(move: Move, number: int, parameters: Parameters) -> tuple[Float
     """Return times [s], motor speeds [rad/s] and currents for friction and motion [A] of a rotary axis in a move."""
     rotary, limits = parameters.rotary_axes[number], TurnLimits.of(parameters, move.payload_kg)[number]
     times = np.linspace(0.0, move.duration_s * (1.0 - BEFORE), SAMPLES)
+    if number >= len(move.turns):  # the program does not turn it
+        return times, *np.zeros((3, SAMPLES))
     _, turn = turn_motion(times, move.master, move.turns[number])
     speed, moving = rotary.gear_ratio * turn[:, 1], limits.current_per_acceleration * turn[:, 2]
     friction = rotary.static_friction_n_m * np.sign(speed) + rotary.viscous_friction_n_m_s_rad * speed

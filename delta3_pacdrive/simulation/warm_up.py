@@ -24,7 +24,7 @@ from delta3_pacdrive.numerics.kernel import (
 from delta3_pacdrive.parameters import Parameters, commissioned, flat_document
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.limits.limits import Limits, check_speed
-from delta3_pacdrive.planning.limits.supply import load_of_motion
+from delta3_pacdrive.planning.limits.supply import MotorMotion, load_of_motion
 from delta3_pacdrive.planning.limits.temperature import sampled_heat_load
 from delta3_pacdrive.planning.program.model import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.robot.drive.channels import CHANNELS
@@ -235,7 +235,7 @@ def _precompile_planning(parameters: Parameters) -> None:
     program_planner.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
     still = np.zeros((2, 3))
     times_s = np.array([0.0, parameters.bus.cycle_time_s])
-    load_of_motion(times_s, still, still, parameters)
+    load_of_motion([MotorMotion(times_s, still, still, parameters)], parameters)
     sampled_heat_load(times_s, still, still, still, parameters).temperatures(parameters)
 
 

@@ -2,10 +2,14 @@
 
 import json
 import math
+from dataclasses import fields
 
 import pytest
+import yaml
 
-from delta3_pacdrive.cli import check, plan
+from delta3_pacdrive import parameters
+from delta3_pacdrive.cli import check, plan, simulate
+from delta3_pacdrive.cli.command import PARAMETERS
 from delta3_pacdrive.studies.places.planning import evaluation
 
 LINE = 'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\n'
@@ -192,3 +196,35 @@ def test_figures_and_tables_are_written_with_a_page(tmp_path, capsys):
     rows = [line for line in (folder / 'moves.csv').read_text().splitlines() if not line.startswith('#')]
     assert rows[0].startswith('move,statements,kind,start [s]')
     assert len(rows) == 3
+
+
+def packaged_parameters():
+    """Return the names of all packaged parameter files that change the robot."""
+    groups = {field.name for field in fields(parameters.Parameters)}
+    names = []
+    for path in sorted(parameters.config_directory().glob('*.yaml')):
+        tree = yaml.safe_load(path.read_text())
+        if groups & set(next(iter(tree.values())).get('ros__parameters', ()) if '/**' in tree else ()):
+            names.append(path.stem)
+    return names
+
+
+@pytest.mark.parametrize('name', packaged_parameters())
+def test_each_packaged_robot_plans_and_executes_a_program_without_turns(name, tmp_path, capsys):
+    (tmp_path / 'line.yaml').write_text(LINE)
+    arguments = [str(tmp_path / 'line.yaml'), '--json', '--parameters', name]
+    assert plan.main(arguments) == 0
+    planned = json.loads(capsys.readouterr().out)
+    uncommissioned = not parameters.load(name).mounting.commissioned
+    assert simulate.main(arguments) == int(uncommissioned)  # its axes are not homed
+    done = capsys.readouterr()
+    if uncommissioned:
+        assert 'the axes are not homed' in done.err
+    else:
+        assert json.loads(done.out)['program_s'] == pytest.approx(planned['time_s'], abs=0.01)
+
+
+def test_the_help_names_the_packaged_parameter_files():
+    words = PARAMETERS.replace(',', ' ').replace(';', ' ').split()
+    aliases = {'rich': 'built', 'delta3': 'model'}
+    assert {aliases.get(name, name) for name in packaged_parameters()} <= set(words)

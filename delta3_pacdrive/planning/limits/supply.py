@@ -3,7 +3,9 @@
 The currents and speeds of a plan are integrated by the equations of the plant, so that plan and run agree.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -100,28 +102,42 @@ def _accumulate(time_s, current_a, speed_rad_s, m, drawn_j):
             drawn_j[n] += drawn_energy(current_a[n - 1, i], current_a[n, i], speed, step, m)
 
 
-def load_of_motion(
-    time_s: Floats, current_a: Floats, speed_rad_s: Floats, parameters: Parameters
-) -> SupplyLoad | None:
-    """Return the load of the supply by the arms; None for a motion shorter than an exchange period.
+class MotorMotion(NamedTuple):
+    """Motion of equal motors."""
 
-    Parameters
-    ----------
-    time_s
-        Ascending times [s], shape (n,).
-    current_a, speed_rad_s
-        Motor currents [A] and speeds [rad/s], shape (n, 3).
-    parameters
-        Parameters of a robot whose supply is enabled.
+    time_s: Floats  # ascending, shape (n,)
+    current_a: Floats  # shape (n, motors)
+    speed_rad_s: Floats  # shape (n, motors)
+    parameters: Parameters  # of a robot with these motors in its arms
 
+    @staticmethod
+    def joined(parts: Sequence['MotorMotion']) -> 'MotorMotion':
+        """Return consecutive motions of the same motors as one."""
+        return MotorMotion(
+            np.concatenate([one.time_s for one in parts]),
+            np.concatenate([one.current_a for one in parts]),
+            np.concatenate([one.speed_rad_s for one in parts]),
+            parts[0].parameters,
+        )
+
+    def drawn_j(self, at_s: Floats) -> Floats:
+        """Return the energy [J] that the motors have drawn up to some times [s]."""
+        drawn_j = np.empty(len(self.time_s))
+        _accumulate(self.time_s, self.current_a, self.speed_rad_s, motor(self.parameters)[0], drawn_j)
+        return np.interp(at_s, self.time_s, drawn_j)
+
+
+def load_of_motion(motions: Sequence[MotorMotion], parameters: Parameters) -> SupplyLoad | None:
+    """Return the load of the supply by motors; None for a motion shorter than an exchange period.
+
+    The first motion, that of the arms, defines begin and end. The supply of the robot is enabled.
     """
-    period_s = parameters.bus.exchange_period_s
+    period_s, time_s = parameters.bus.exchange_period_s, motions[0].time_s
     count = int((time_s[-1] - time_s[0]) / period_s)
     if count < 1:
         return None
-    drawn_j = np.empty(len(time_s))
-    _accumulate(time_s, current_a, speed_rad_s, motor(parameters)[0], drawn_j)
-    energies = np.diff(np.interp(time_s[0] + period_s * np.arange(count + 1), time_s, drawn_j))
+    ends_s = time_s[0] + period_s * np.arange(count + 1)
+    energies = np.diff(np.sum([one.drawn_j(ends_s) for one in motions], axis=0))
     mains_j, voltage_v, resistor_j = found = np.empty((3, count))
     integrate_link(energies, 1, DcLink(parameters).record, found)
     return supply_load(mains_j / period_s, voltage_v, resistor_j / period_s, energies / period_s, parameters)

@@ -77,6 +77,15 @@ def test_the_plan_has_the_load_of_the_run():
     )
 
 
+def test_the_plan_includes_the_motor_of_the_rotary_axis():
+    planned = planning.of_program(*read(TURN, ROTARY)).supply
+    found = run(TURN, **ROTARY)[0].load
+    assert planned.power_peak_w == pytest.approx(found.power_peak_w, rel=0.02)
+    still = {**TURN, 'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.78], 'speed_m_s': 1.0}}]}
+    without = planning.of_program(*read(still, ROTARY)).supply
+    assert planned.power_peak_w > 1.05 * without.power_peak_w
+
+
 def test_without_a_model_of_the_supply_there_are_no_signals_and_no_figures():
     robot = parameters.load()
     trace = simulation.run(programs.load('experiment1', robot.motion), robot)

@@ -15,7 +15,7 @@ from delta3_pacdrive.planning.limits.energy import Energy, energy
 from delta3_pacdrive.planning.limits.gear_load import GearLoad, gear_load
 from delta3_pacdrive.planning.limits.joint_forces import JointForces, joint_forces
 from delta3_pacdrive.planning.limits.limits import arm_bounds, workspace_bounds
-from delta3_pacdrive.planning.limits.supply import load_of_motion
+from delta3_pacdrive.planning.limits.supply import MotorMotion, load_of_motion
 from delta3_pacdrive.planning.limits.temperature import (
     HeatLoad,
     heat_load,
@@ -87,14 +87,12 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
     stride = -(-in_all // SAMPLES_KEPT)
     rows, pieces, distance_m = [], [], 0.0
     loads: dict[int, _Loads] = {}
-    motions: list[tuple[Floats, Floats, Floats]] = []
+    motions: list[list[MotorMotion]] = []
     for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
         loads[number] = _loads(part, parameters)
-        motions.append(
-            (start_s + part.dynamics.time_s, part.dynamics.motor_current_a, part.dynamics.motor_speed_rad_s)
-        )
+        motions.append(_motor_motions(part, start_s, parameters))
         row = _row(planned, number, part, parameters, n=n, start_s=start_s)
         piece = _piece(planned, part, parameters, n=n, start_s=start_s, before_m=distance_m)
         rows.append(row)
@@ -102,8 +100,7 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         distance_m += row.length_m
     load = None
     if parameters.supply.enabled and motions:
-        time_s, current_a, speed_rad_s = (np.concatenate(one) for one in zip(*motions, strict=True))
-        load = load_of_motion(time_s, current_a, speed_rad_s, parameters)
+        load = load_of_motion([MotorMotion.joined(one) for one in zip(*motions, strict=True)], parameters)
     of_round = _of_round(planned, loads, parameters)
     heats = [(of_round.heat, parameters)]
     heats += [(one, rotary_axis_parameters(parameters, n)) for n, one in enumerate(of_round.turns)]
@@ -116,6 +113,17 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         temperatures(heats, planned.override_max),
         supply=load,
     )
+
+
+def _motor_motions(part: _Part, start_s: float, parameters: Parameters) -> list[MotorMotion]:
+    """Return the motions of the arms and of each rotary axis in a move."""
+    d = part.dynamics
+    motions = [MotorMotion(start_s + d.time_s, d.motor_current_a, d.motor_speed_rad_s, parameters)]
+    for number in range(len(parameters.rotary_axes)):
+        times, speed, standing, moving = turn_samples(part.move, number, parameters)
+        own = rotary_axis_parameters(parameters, number)
+        motions.append(MotorMotion(start_s + times, (standing + moving)[:, None], speed[:, None], own))
+    return motions
 
 
 class _Loads(NamedTuple):
