@@ -9,7 +9,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX
 from delta3_pacdrive.planning.limits.joint_forces import force_demands
-from delta3_pacdrive.planning.limits.limits import ROUNDING
+from delta3_pacdrive.planning.limits.limits import ROUNDING, phase_voltage_max
 from delta3_pacdrive.planning.paths.path_dynamics import PathDynamics
 
 SLOWEST = 1e-3  # smallest rate, in place of standstill
@@ -90,7 +90,7 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
         moved = np.abs(d.gear_torque_n_m - d.standing_gear_torque_n_m)
         gear = (parameters.gear_torque_max_n_m - np.abs(d.standing_gear_torque_n_m)) / moved
         tcp = parameters.motion.tcp_speed_limit_m_s * (1.0 + ROUNDING) / d.tcp_speed_m_s
-        volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
+        volts = phase_voltage_max(parameters) / np.abs(d.phase_voltage_v)
     forces = math.inf
     if parameters.joints.limit_moves:
         for one in force_demands(d.tcp_motion_m, d.payload_kg, parameters):

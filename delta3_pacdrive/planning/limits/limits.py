@@ -290,8 +290,11 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
 
 
 def phase_voltage_max(parameters: Parameters) -> float:
-    """Return the largest rms phase voltage [V] that the DC link can supply."""
-    return float(parameters.drive.dc_link_voltage_v / np.sqrt(6.0))
+    """Return the largest rms phase voltage [V] that the DC link can supply, at most with the voltage of its mains."""
+    volts, supply = parameters.drive.dc_link_voltage_v, parameters.supply
+    if supply.enabled:
+        volts = min(volts, supply.rectified_v)
+    return float(volts / np.sqrt(6.0))
 
 
 def highest_motor_speed(parameters: Parameters) -> float:

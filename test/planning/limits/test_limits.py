@@ -13,7 +13,7 @@ from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.execution import Timeline
-from delta3_pacdrive.planning.limits.limits import check_speed
+from delta3_pacdrive.planning.limits.limits import check_speed, phase_voltage_max
 from delta3_pacdrive.planning.plan import Plan, sample_plan
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.resume import resume
@@ -369,3 +369,16 @@ def test_transition_to_another_override_uses_the_limits_of_the_larger_one(before
     assert a <= 4.0 * room**2 * 1.001  # what a way back to the plan may exceed it by
     assert j <= 500.0 * room**3 * 1.001
     assert j > 500.0 * room**3 * 0.999
+
+
+def test_the_voltage_of_weak_mains_limits_moves(robot):
+    nominal_v = robot.drive.dc_link_voltage_v
+    assert phase_voltage_max(robot) == pytest.approx(nominal_v / math.sqrt(6.0))
+    strong, weak = (
+        robot.replace(supply__enabled=True, supply__mains_voltage_v=volts) for volts in (400.0, 340.0)
+    )
+    assert phase_voltage_max(strong) == phase_voltage_max(robot)  # the mains reach 566 V
+    assert phase_voltage_max(weak) == pytest.approx(340.0 / math.sqrt(3.0))
+    # both limits are equal where the mains reach exactly the nominal voltage
+    equal = strong.replace(supply__mains_voltage_v=nominal_v / math.sqrt(2.0))
+    assert phase_voltage_max(equal) == pytest.approx(phase_voltage_max(robot), rel=1e-15)
