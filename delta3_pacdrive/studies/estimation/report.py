@@ -179,6 +179,8 @@ def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
 def text(document: dict[str, Any]) -> list[str]:
     """Return a summary as lines of text."""
     lines = [*document.get('verdict', ()), *document.get('explanation', ())]
+    if document.get('other_group'):
+        lines.append(other_group(document))
     lines += [_line(row) for row in document['estimates']]
     if more := document.get('missing'):
         lines.append(more['sentence'])
@@ -230,10 +232,18 @@ def refusal(document: dict[str, Any]) -> str:
     if more and more['model_holds'] and document.get('applied'):
         return ''
     begin = 'the model does not explain the data, so its estimates do not apply to the robot'
+    if document.get('other_group'):
+        return f'{begin}; {other_group(document)}'
     if not more:
         return begin
     effects = ','.join(one['effect'] for one in more['effects'])
     return f'{begin}; {more["sentence"]}' + (f' (found: {effects})' if effects else '')
+
+
+def other_group(document: dict[str, Any]) -> str:
+    """Return the group that explains the data, as a sentence."""
+    name = document['other_group']
+    return f'the quantities of the group {name} explain them: estimate these with --group {name}'
 
 
 def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Table]:

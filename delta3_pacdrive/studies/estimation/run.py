@@ -59,6 +59,7 @@ from delta3_pacdrive.studies.runs.run_comparison import mismatches
 from delta3_pacdrive.studies.runs.runs import notes_of
 
 THESIS = 'thesis'
+OTHER_GROUP = {'motor': 'masses', 'masses': 'motor'}  # that may differ instead
 REMEDY = 'correct the file, or describe its columns with --columns'
 TIMING = (
     'with one sample per bus cycle it is confounded with the sampling instant and the dead times of the current '
@@ -185,9 +186,11 @@ class Study(studies.Study):
             for model in self.models(trace, self.model_robot)
         ]
         verdict = check(problem, found, aside)
-        better = None if verdict.holds else self._search(traces, found)
+        other = '' if verdict.holds else self._other_group(traces)
+        better = None if verdict.holds or other else self._search(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, verdict, better, self.robot, self._simulates)
+        document['other_group'] = other
         if verdict.holds:
             document['verdict'] += self.dependence_on_settings(problem, found)
         document |= {'notes': self.notes} if self.notes else {}
@@ -327,6 +330,23 @@ class Study(studies.Study):
         tables = report.fit_tables(document, found, problem) + report.thesis_tables(study)
         drawings = figures.of_thesis(study) | figures.of_fit(found, problem, document['estimates'])
         return folder.results('Estimation: thesis', document, report.text(document), tables, drawings)
+
+    def _other_group(self, traces: Sequence[Trace]) -> str:
+        """Return the group of motors or masses whose quantities explain a third-party log; empty if none does."""
+        name = OTHER_GROUP.get(self.settings.group, '')
+        if not name or not self.timing:
+            return ''
+        self.on_progress(f'the model does not explain the data; fitting the group {name}', 0, 0)
+        chosen = replace(self.settings, group=name, free=(), known=())
+        study = Study(chosen, self.folder, self.command, self.on_progress)
+        study.allow_for_timing(traces)
+
+        def build(robot: Parameters) -> list[Model]:
+            return [model for trace in traces for model in study.models(trace, robot)]
+
+        problem = Problem(study.quantities, build(study.model_robot), study.model_robot)
+        found = missing.fit_built(problem, start_values(study.quantities, study.model_robot, 0.0), build)
+        return name if check(problem, found).holds else ''
 
     def _search(self, traces: Sequence[Trace], found: Fit) -> missing.BetterModel | None:
         """Search for missing effects if the signals allow it."""

@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.estimation import report
 from delta3_pacdrive.studies.estimation.identifiability import Verdict
 from delta3_pacdrive.studies.estimation.measurement import completed, moving_rows, parts_of
 from delta3_pacdrive.studies.estimation.problem import Problem
@@ -144,6 +145,27 @@ def test_signals_of_other_axes_signs_or_units_are_rejected(changed, message, tur
     with pytest.raises(EstimationError, match=message) as caught:
         Study(Settings('motor', (str(file),)), tmp_path / 'out', 'test', lambda *_: None).run()
     assert str(caught.value).endswith('correct the file, or describe its columns with --columns')
+
+
+def test_the_group_that_explains_a_log_is_named(turns, robot, tmp_path):
+    heavy = robot.replace(dynamics__plate_mass_kg=1.6, dynamics__forearm_mass_kg=0.6)
+    replay = Replay(turns, heavy)
+    signals = {'motor_command': turns['motor_command']}
+    rng = np.random.default_rng(4)
+    for name, noise in {'current': 0.02, 'motor_speed': 0.05, 'motor_position': 0.0}.items():
+        values = (
+            turns['motor_command'].copy() if name == 'motor_position' else np.zeros_like(turns['current'])
+        )
+        values[replay.rows] = replay.run({})[name]
+        signals[name] = values + noise * rng.normal(size=values.shape)
+    file = tmp_path / 'log.csv'
+    trace_file.save(Trace(turns.time_s, signals), file)
+    found = Study(Settings('motor', (str(file),)), tmp_path / 'out', 'test', lambda *_: None).run()
+    assert not found['model_holds']
+    assert (found['other_group'], found['missing']) == ('masses', None)
+    sentence = 'the quantities of the group masses explain them: estimate these with --group masses'
+    assert sentence in report.text(found)
+    assert report.refusal(found).endswith(sentence)
 
 
 def test_a_column_file_corrects_the_sign_of_a_current(log, robot, tmp_path):
