@@ -10,7 +10,9 @@ from threading import Lock
 from typing import Any
 
 from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.robot.drive.operation_data import BACKUP, PROCEDURES, TABLE
 from delta3_pacdrive.robot.faults.fault import KINDS, NODES
+from delta3_pacdrive.robot.sercos.service_channel import format_idn
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.jog import DIRECTIONS, HEARTBEAT_HZ, JOG_SPEED_MAX_M_S
 from delta3_pacdrive.view.values import Facts, InputFacts, UiCommand
@@ -69,6 +71,9 @@ JOG_MM_S, JOG_MAX_MM_S = 50, round(1e3 * JOG_SPEED_MAX_M_S)
 OVERRIDE_MIN, OVERRIDE_MAX = 1, 150
 ANSWERS = 3  # replies shown
 FAULT_S = 0.5  # default duration of an injected fault
+# procedure commands offered by the page: name by IDN
+PROCEDURE_NAMES = {format_idn(idn): TABLE[idn].name for idn in (*PROCEDURES, BACKUP)}
+PROCEDURE, END_PROCEDURE = 'procedure', 'end_procedure'  # actions
 
 
 class Controls:
@@ -78,6 +83,7 @@ class Controls:
         self._gui, self._send, self._drives = gui, send, tuple(drives)
         self._points: dict[str, tuple[float, float, float]] = {}
         self._replies: list[tuple[str, bool]] = []
+        self._outcomes: dict[str, tuple[str, bool]] = {}  # newest report of the procedures of each axis
         self._lock = Lock()  # a thread of the page reports invalid files
         self._override_shown = 1.0
         stop = gui.add_button('EMERGENCY STOP', color='red', icon='hand-stop')
@@ -91,6 +97,8 @@ class Controls:
             self._add_jog()
         with tabs.add_tab('Teach'):
             self._add_teach()
+        with tabs.add_tab('Commissioning'):
+            self._add_commissioning()
         with tabs.add_tab('Faults'):
             self._add_faults()
         self._inputs = InputRows(gui, tabs, lambda text: self._ask('input', text))
@@ -179,6 +187,24 @@ class Controls:
         stem = name.rstrip('0123456789')
         self._name.value = f'{stem}{len(self._points) + 1}'
 
+    def _add_commissioning(self) -> None:
+        gui = self._gui
+        self._axis = gui.add_dropdown('axis', self._drives)
+        chosen = gui.add_dropdown(
+            'procedure', tuple(f'{idn} {name}' for idn, name in PROCEDURE_NAMES.items())
+        )
+        run = gui.add_button('Run the procedure', icon='player-play')
+        run.on_click(lambda _: self._ask(PROCEDURE, f'{self._axis.value} {chosen.value.partition(" ")[0]}'))
+        stop = gui.add_button('Stop the procedure', icon='player-stop')
+        stop.on_click(lambda _: self._ask(END_PROCEDURE))
+        self._procedures = gui.add_html('')
+
+    def report_procedure(self, axis: str, sentence: str, failed: bool) -> None:
+        """Show step or result of a procedure of an axis."""
+        self._outcomes[axis] = sentence, failed
+        newest_last = [self._outcomes[known] for known in sorted(self._outcomes, reverse=True)]
+        self._procedures.content = readout.answers(newest_last)
+
     def _add_faults(self) -> None:
         gui = self._gui
         self._kind = gui.add_dropdown('fault', tuple(KINDS))
@@ -198,6 +224,7 @@ class Controls:
     def use(self, drives: Sequence[str]) -> None:
         """Set the drives of the robot."""
         self._drives = tuple(drives)
+        self._axis.options = self._drives
         self._show_kind()
 
     def _show_kind(self) -> None:

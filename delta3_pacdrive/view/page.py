@@ -269,6 +269,11 @@ class Page:
             self.controls.report(sentence, refused)
         self._notify(sentence, refused)
 
+    def report_procedure(self, axis: str, sentence: str, failed: bool = False) -> None:
+        """Show step or result of a procedure of an axis."""
+        if self.controls is not None:
+            self.controls.report_procedure(axis, sentence, failed)
+
     def report_scope(self, sentence: str, refused: bool = False) -> None:
         """Show the state of the oscilloscope; rejections also as a notification."""
         if self.scope is not None:

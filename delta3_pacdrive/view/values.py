@@ -121,8 +121,8 @@ class UiCommand:
     The action is one of ``delta3 move``, or ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
     direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (heartbeat of a held button: direction and
     speed), ``jog`` (number of the press that starts a motion), ``inject`` (a fault in YAML), ``teach`` (a name),
-    ``forget``, ``input`` (a request of the service of that name), ``scope`` (the setting of an oscilloscope, see
-    ``scope_panel``) and ``end_scope``.
+    ``forget``, ``input`` (a request of the service of that name), ``procedure`` (an axis and the IDN of a procedure
+    command), ``end_procedure``, ``scope`` (the setting of an oscilloscope, see ``scope_panel``) and ``end_scope``.
     """
 
     action: str

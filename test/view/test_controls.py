@@ -50,6 +50,8 @@ ASKED = {
     ('override %', 37): ('override', '37.0'),
     ('Teach this point', None): ('teach', 'p1'),
     ('Delete all points', None): ('forget', ''),
+    ('Run the procedure', None): ('procedure', 'axis1 S-0-0148'),
+    ('Stop the procedure', None): ('end_procedure', ''),
     ('End injected faults', None): ('inject', '{"fault": "clear"}'),
     **{('one step', way): ('step', f'{way} 10 50') for way in DIRECTIONS},
 }
@@ -68,6 +70,8 @@ FIELDS = {
     ('program', 'packaging'): ('Load into the queue', ('packaged', 'packaging')),
     ('step mm', '0.1'): ('one step', ('step', '+x 0.1 50')),
     ('speed mm/s', 120): ('one step', ('step', '+x 10 120')),
+    ('axis', 'axis3'): ('Run the procedure', ('procedure', 'axis3 S-0-0148')),
+    ('procedure', 'P-0-0541 Brake check'): ('Run the procedure', ('procedure', 'axis1 P-0-0541')),
     ('name', 'home'): ('Teach this point', ('teach', 'home')),
 }
 

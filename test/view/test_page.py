@@ -179,6 +179,20 @@ def test_points_are_taught_by_name_and_written_as_yaml(page, visit):
 
 
 @pytest.mark.long
+def test_procedures_have_a_tab_with_their_results(page, visit):
+    visit.page.get_by_role('tab', name='Commissioning').click()
+    visit.page.get_by_role('button', name='Run the procedure').click()
+    wait_for(lambda: page.commands, 'a click')
+    command = page.commands.popleft()
+    assert (command.action, command.text) == ('procedure', 'axis1 S-0-0148')
+    page.report_procedure('axis1', 'axis1: searches the reference')
+    page.report_procedure('axis2', 'axis2: 8924 motion <blocked>', failed=True)
+    page.report_procedure('axis1', 'axis1: done')
+    visit.page.get_by_text('axis1: done').wait_for()
+    visit.page.get_by_text('axis2: 8924 motion <blocked>').wait_for()
+    assert visit.page.get_by_text('axis1: searches the reference').count() == 0
+
+
 def test_two_browsers_show_the_same_and_one_may_disconnect(page, visit, browser, robot):
     with Visit(browser, page.url, 390, 844) as other:
         wait_for(lambda: len(page.server.get_clients()) == 2, 'the second browser')

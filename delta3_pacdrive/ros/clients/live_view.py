@@ -18,6 +18,7 @@ from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.clients.robot_reader import RobotReader
 from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.wire import discovery, domain
+from delta3_pacdrive.view.controls import END_PROCEDURE, PROCEDURE
 from delta3_pacdrive.view.jog import Jog, JogAction, parse
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.scope_panel import BEGIN, END
@@ -107,6 +108,8 @@ class LiveView:
                 self._draw(now)
                 self._scope.update()
             self._sort_commands()
+            if self._stopping or now - self._watched_s > GONE_S:
+                self._commands.end_procedure()
             if self._stopping and not self._commands.urgent and not self._jog.may_move:
                 raise RunInterruptedError(interrupts.sentence(interrupts.asked() or signal.SIGINT))
             if now >= end:
@@ -148,6 +151,8 @@ class LiveView:
                 self._scope.begin(command.text)
             elif command.action == END:
                 self._scope.end()
+            elif command.action == END_PROCEDURE:
+                self._end_procedure()
             elif command.action in STOPS:  # executed immediately
                 self._waiting.clear()
                 self._jog.cancel()
@@ -174,10 +179,19 @@ class LiveView:
         self._jog.heartbeat(direction, command.time_s)
         self._commands.jog_on(direction)
 
+    def _end_procedure(self) -> None:
+        if self._commands.procedure:
+            self._commands.end_procedure()
+        else:
+            self._page.report('the page executes no procedure', refused=True)
+
     def _append(self, command: UiCommand) -> None:
         """Queue a command; of several overrides only the newest is kept."""
         actions = [waiting.action for waiting in self._waiting]
-        if command.action == 'override' and 'override' in actions:
+        if self._commands.procedure or PROCEDURE in actions:
+            running = self._commands.procedure or 'a procedure'
+            self._page.report(f'{command.action} is rejected: {running} is in progress', refused=True)
+        elif command.action == 'override' and 'override' in actions:
             self._waiting[actions.index('override')] = command
         elif len(self._waiting) >= WAITING_MAX:
             self._page.report(

@@ -27,9 +27,11 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.acquisition import Acquisition, Mode, Record, Setting
+from delta3_pacdrive.ros.clients.procedure_client import execute, is_procedure
 from delta3_pacdrive.ros.clients.robot_reader import RobotReader
 from delta3_pacdrive.ros.clients.scope_client import NO_ANSWER, NO_DRIVES, ScopeClient, awaited
 from delta3_pacdrive.ros.wire.interfaces import SCOPE_REQUEST
+from delta3_pacdrive.view.controls import PROCEDURE, PROCEDURE_NAMES
 from delta3_pacdrive.view.jog import DIRECTIONS, JOG_LIMITS, JOG_SPEED_MAX_M_S, Jog, parse
 from delta3_pacdrive.view.page import Page
 from delta3_pacdrive.view.scope_panel import caption, setting_of
@@ -57,6 +59,8 @@ class PageCommands:
         self.moving_s = time.monotonic()  # time of the last command that may move the robot
         self.urgent = False  # the current wait must not be interrupted
         self._stops: set[str] = set()  # pending stop requests
+        self.procedure = ''  # axis and name of the procedure in progress, empty without one
+        self._procedure_ends = False  # its end is requested
 
     def execute(self, command: UiCommand) -> None:
         """Execute a command and show the reply; raises RunInterruptedError if a signal arrives meanwhile."""
@@ -156,6 +160,8 @@ class PageCommands:
             return self._clear_points()
         if command.action == 'jog' and not self._jog.is_pending(int(text)):
             return ''
+        if command.action == PROCEDURE:
+            return self._execute_procedure(text, command.by_force)
         if not operator.in_control:
             operator.take_control(NAME, command.by_force)
         self.moving_s = time.monotonic()
@@ -172,6 +178,42 @@ class PageCommands:
         if command.action in STARTS:
             return self._uninterrupted(command.action)
         return operator.call(command.action)
+
+    def _execute_procedure(self, text: str, by_force: bool) -> str:
+        """Execute a procedure command of a drive; return its result.
+
+        The robot rejects procedures while an operator has control, so the page takes control and releases it.
+        """
+        axis, _, idn = text.partition(' ')
+        if axis not in self._robot.parameters.axes or idn not in PROCEDURE_NAMES:
+            raise ProgramError(f'{shown(text)} is not an axis and a procedure command')
+        operator = self._operator
+        self.procedure, self._procedure_ends = f'{axis}: {idn} {PROCEDURE_NAMES[idn]}', False
+        try:
+            if not operator.in_control:
+                operator.take_control(NAME, by_force)
+            operator.release_control()
+            if not is_procedure(idn):
+                return operator.drive(f'{axis} command {idn}')
+            self.urgent = True  # a signal interrupts the procedure in the drive first
+            result = execute(
+                operator,
+                axis,
+                idn,
+                lambda step: self._page.report_procedure(axis, step),
+                cancelled=lambda: self._procedure_ends,
+            ).text
+        except Delta3Error as error:
+            self._page.report_procedure(axis, str(error), failed=True)
+            raise
+        finally:
+            self.procedure, self.urgent = '', False
+        self._page.report_procedure(axis, result)
+        return result
+
+    def end_procedure(self) -> None:
+        """Let the procedure in progress, if any, be interrupted."""
+        self._procedure_ends = True
 
     def _packaged(self, name: str) -> str:
         if name not in program_names():  # the page may send any text

@@ -43,8 +43,17 @@ def is_procedure(idn: str) -> bool:
     return parse_idn(idn) in PROCEDURES
 
 
-def execute(operator: OperatorNode, axis: str, idn: str, report: Callable[[str], None]) -> Outcome:
+def execute(
+    operator: OperatorNode,
+    axis: str,
+    idn: str,
+    report: Callable[[str], None],
+    *,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Outcome:
     """Execute a procedure command, and report its steps.
+
+    The procedure is interrupted once ``cancelled`` returns True.
 
     Raises
     ------
@@ -66,6 +75,8 @@ def execute(operator: OperatorNode, axis: str, idn: str, report: Callable[[str],
                 step = now
                 report(f'{axis}: {STEP_TEXTS[step]}')
             operator.spin_for(POLL_S)
+            if cancelled():
+                operator.drive(f'{axis} write {idn} 0')
     except RunInterruptedError:
         operator.drive(f'{axis} write {idn} 0')
         operator.wait_until(lambda: operator.state != MotionState.COMMISSIONING, 'end of the procedure')
