@@ -1,9 +1,10 @@
 """Procedure commands of the drives and their references, as far as the whole robot is concerned.
 
 A procedure moves one arm while the brakes hold the others. It requires a robot that is disabled, without a fault, and
-without another procedure. Meanwhile the state of the motion is ``commissioning``, and requests to move or enable are
-rejected; a fault, an emergency stop, abort or disable interrupt it. A robot with axes that are not homed (S-0-0403) has
-no pose: it is located once all of them are.
+without another procedure, also one whose drive has not answered yet. The generator of a drive needs torque, so that it
+and a procedure exclude each other. Meanwhile the state of the motion is ``commissioning``, and requests to move or
+enable are rejected; a fault, an emergency stop, abort or disable interrupt it. A robot with axes that are not homed
+(S-0-0403) has no pose: it is located once all of them are.
 """
 
 from functools import partial
@@ -16,7 +17,7 @@ from delta3_pacdrive.control.operation.robot_state import Bus, RobotState
 from delta3_pacdrive.errors import Code, Reason, TelegramError, UnreachableError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive.diagnostics import PROCEDURE_MESSAGES
-from delta3_pacdrive.robot.drive.operation_data import PROCEDURES, STORED, TABLE
+from delta3_pacdrive.robot.drive.operation_data import PROCEDURES, START_EXCITATION, STORED, TABLE
 from delta3_pacdrive.robot.drive.procedures import DONE, ERROR, IN_PROGRESS
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.service_channel import (
@@ -54,6 +55,7 @@ class Commissioning:
         self._references = [not parameters.mounting.neutral] * len(services.drives)  # to be read
         self._missing = [*self._references]  # axes that are not homed
         self._running: tuple[int, int] | None = None  # axis and IDN
+        self._asked: tuple[int, int] | None = None  # the same, until the drive has answered
         self._awaited = 0  # replies
         self._update()
 
@@ -64,13 +66,13 @@ class Commissioning:
 
     def begin(self) -> None:
         """Read the references at the begin of cyclic operation."""
-        self._running, self._awaited = None, 0
+        self._running, self._asked, self._awaited = None, None, 0
         if any(self._references):
             self._read_references()
 
     def handle_bus_loss(self) -> None:
         """Forget the procedure and the references, because cyclic operation has ended."""
-        self._running, self._awaited = None, 0
+        self._running, self._asked, self._awaited = None, None, 0
         self._missing = [*self._references]
         self._update()
 
@@ -83,9 +85,11 @@ class Commissioning:
             The state of the robot does not permit it, or the service channel is closed.
 
         """
-        if access.operation == Operation.COMMAND and access.idn in PROCEDURES:
-            reason = self._refusal()
-            if reason is not None:
+        is_command = access.operation == Operation.COMMAND
+        is_procedure = is_command and access.idn in PROCEDURES
+        if is_procedure or (is_command and access.idn == START_EXCITATION):
+            reason = self._refusal() if is_procedure else self._sentence()
+            if reason:
                 error = ServiceError.COMMAND_NOT_EXECUTABLE
                 name = TABLE[access.idn].name
                 raise TelegramError(message_8503(access.idn, error, f'{name}: {reason}'))
@@ -93,23 +97,36 @@ class Commissioning:
             reason = 'the drives are enabled: disable them first'
             raise TelegramError(message_8503(access.idn, ServiceError.WRITE_PROTECTED, reason))
         self._services.ask(index, access, partial(self._take_answer, access, done))
+        if is_procedure:
+            self._asked = index, access.idn
+            self._update()
 
-    def _refusal(self) -> str | None:
-        """Return why no procedure can start, None if one can."""
-        if self._running is not None:
+    def _refusal(self) -> str:
+        """Return why no procedure can start, empty if one can."""
+        if self._current is not None:
             return self._sentence()
         if self._state.fault:
             return f'there is a fault: {self._state.fault}'
         if self._state.enabled or self._state.in_torque or self._state.motion is not MotionState.IDLE:
             return 'the drives are enabled: disable them first'
         reason = self._control.refusal('')
-        return None if reason is None else str(reason)
+        return '' if reason is None else str(reason)
+
+    @property
+    def _current(self) -> tuple[int, int] | None:
+        """Axis and IDN of the procedure that runs or is about to start, None without one."""
+        return self._running or self._asked
 
     def _take_answer(self, access: Access, done: Done, index: int, answer: Answer) -> None:
+        is_procedure = access.operation == Operation.COMMAND and access.idn in PROCEDURES
+        if is_procedure:
+            self._asked = None
         done(index, answer)
         if answer.error:
+            if is_procedure:
+                self._update()
             return
-        if access.operation == Operation.COMMAND and access.idn in PROCEDURES:
+        if is_procedure:
             self._running = index, access.idn
             self._state.commission(Event.COMMISSION)
             self._state.actions.append(Logged(self._sentence()))
@@ -119,17 +136,17 @@ class Commissioning:
             self._read_references()
 
     def _sentence(self) -> str:
-        """Return the procedure in progress as a sentence."""
-        if self._running is None:
+        """Return the procedure in progress as a sentence, empty without one."""
+        if self._current is None:
             return ''
-        index, idn = self._running
+        index, idn = self._current
         return f'{self._services.drives[index]} executes {format_idn(idn)} {TABLE[idn].name}'
 
     def _update(self) -> None:
         """Set the reason why the robot cannot move."""
         names = [axis for axis, missing in zip(self._services.drives, self._missing, strict=True) if missing]
         reason = None
-        if self._running is not None:
+        if self._current is not None:
             reason = Reason(Code.STATE, self._sentence())
         elif names:
             verb = 'is' if len(names) == 1 else 'are'
@@ -147,9 +164,9 @@ class Commissioning:
 
     def cancel(self) -> str:
         """Interrupt the procedure in progress; return a sentence, empty without one."""
-        if self._running is None:
+        if self._current is None:
             return ''
-        index, idn = self._running
+        index, idn = self._current
         self._state.actions.append(
             AccessRequested(index, Access(idn, Operation.WRITE, 0.0), lambda _index, _answer: None)
         )

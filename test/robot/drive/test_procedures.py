@@ -282,6 +282,12 @@ def test_a_worn_brake_slips_at_its_torque(lost, robot):
     assert bench.value('procedure_result') == pytest.approx(3.0 * (1.0 - lost), abs=0.4)
 
 
+def test_travel_limits_of_a_new_drive_are_its_end_stops(robot):
+    bench = Site(robot.replace(dynamics__end_stop_min_deg=-51.0, dynamics__end_stop_max_deg=96.0))
+    assert bench.value('travel_min') == pytest.approx(math.radians(-51.0) * GEAR)
+    assert bench.value('travel_max') == pytest.approx(math.radians(96.0) * GEAR)
+
+
 def test_taught_limits_are_those_of_the_overtravel(robot):
     bench = Site(robot)
     position = bench.robot.answers[0, 0]
@@ -325,6 +331,16 @@ def test_no_procedure_starts_during_another_one(robot):
     bench = Site(robot).start(Procedure.HOMING).run(10)
     assert not bench.drive().start_procedure(Procedure.BRAKE_TEST)
     assert bench.value('procedure') == Procedure.HOMING
+
+
+def test_generator_and_procedure_exclude_each_other(robot):
+    bench = Site(robot).start(Procedure.HOMING).run(700)
+    assert not bench.drive().start_excitation(robot)
+    bench.drive().cancel_procedure()
+    bench.commands = np.array([shaft[0] for shaft in bench.robot.shafts()])
+    bench.run(REST, CONTROL_ENABLE)
+    assert bench.drive().start_excitation(robot)
+    assert not bench.drive().start_procedure(Procedure.BRAKE_TEST)
 
 
 @pytest.mark.parametrize('procedure', [Procedure.HOMING, Procedure.ALIGNMENT, Procedure.BRAKE_TEST])
