@@ -211,10 +211,14 @@ _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'overload', 'torque_n_m': 0.6}, ''),
 ]
 # mains that stay away; only with a model of the supply. Its electronics discharge the DC link within 3 s.
-_OF_SUPPLY = [_Row({'fault': 'supply_dip', 'share': 0.0, 'for_s': 3.5}, '8909')]
+# The capacitors take the energy of the slow moves of the catalogue, so that an open resistor has no effect on them.
+_OF_SUPPLY = [
+    _Row({'fault': 'supply_dip', 'share': 0.0, 'for_s': 3.5}, '8909'),
+    _Row({'fault': 'resistor_open'}),
+]
 # only of a robot that warms up: over the limit, and over the warning
 _OF_TEMPERATURES = [
-    _Row({'fault': 'motor_hot', 'axis': 'axis2', 'excess_k': 130.0}, '8915', {State.DISABLED: ''}),
+    _Row({'fault': 'motor_hot', 'axis': 'axis2', 'excess_k': 130.0}, '8915'),
     _Row({'fault': 'motor_hot', 'axis': 'axis1', 'excess_k': 110.0}),
     _Row({'fault': 'fan_blocked', 'axis': 'axis3', 'for_s': 1.0}),
 ]
