@@ -44,6 +44,15 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     return parameters.replace(**places) if places else parameters
 
 
+def require_homed(machine: Parameters) -> None:
+    """Raise RunError if the encoders of a simulated robot do not know its position."""
+    if not machine.mounting.homed_at_start:
+        raise RunError(
+            'the axes are not homed (mounting.commissioned, mounting.encoder): a simulated program needs a '
+            'commissioned robot; delta3 up starts one that is not'
+        )
+
+
 def plan_of(
     program: Program, parameters: Parameters, machine: Parameters | None = None
 ) -> program_planner.Planned:
@@ -115,11 +124,7 @@ def run(
     """
     parameters = placed(parameters, program)
     built = parameters if machine is None else placed(machine, program)
-    if not built.mounting.homed_at_start:
-        raise RunError(
-            'the axes are not homed (mounting.commissioned, mounting.encoder): a simulated program needs a '
-            'commissioned robot; delta3 up starts one that is not'
-        )
+    require_homed(built)
     robot = Robot(built) if acquisition is None else ScopedRobot(built, acquisition)
     task = Transformation(parameters, learned)
     tcp = task.locate(robot.encoder_positions())

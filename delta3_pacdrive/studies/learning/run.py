@@ -74,6 +74,7 @@ class Study(studies.Study):
             )
         self.robot = simulation.placed(robot, self.program)
         self.machine = simulation.placed(machine, self.program)
+        simulation.require_homed(self.machine)
 
     def unfinished(self) -> str:
         """Return the message after an interrupt."""

@@ -150,6 +150,7 @@ def run(
 
     """
     placed = simulation.placed(finest(parameters), program)
+    simulation.require_homed(placed)
     robot, task = Robot(placed), Transformation(placed)
     planned = program_planner.plan(program, task.locate(robot.encoder_positions()), placed)
     task.load(planned.plan)

@@ -9,7 +9,7 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters, simulation
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.errors import LearnedError
+from delta3_pacdrive.errors import LearnedError, RunError
 from delta3_pacdrive.planning import learned_torques as torques_file
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording import trace_file
@@ -136,6 +136,11 @@ def test_a_controller_that_commands_no_torques_is_rejected(learn, robot):
         LearnedError, match=r'control\.feed_forward must be model, as with --parameters model'
     ):
         learn(robot)
+
+
+def test_a_robot_that_is_not_homed_is_rejected(learn):
+    with pytest.raises(RunError, match='the axes are not homed'):
+        learn(parameters.load('model+uncommissioned'))
 
 
 def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_rejected(learn, model, tmp_path):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive import simulation
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.studies.runs import oscilloscope as oscilloscope_run
@@ -29,6 +30,13 @@ def test_run_has_the_bits_of_the_simulation_also_with_a_gripped_payload(feed_for
     cycles = len(found.answers)
     np.testing.assert_array_equal(found.answers[:, 0], trace['motor_position'][:cycles])
     np.testing.assert_array_equal(found.tcp_error, trace['tcp_error'][:cycles])
+
+
+def test_a_robot_that_is_not_homed_is_rejected():
+    robot = parameters.load('model+uncommissioned')
+    program = programs.parse(PICK, robot.motion)
+    with pytest.raises(RunError, match='the axes are not homed'):
+        oscilloscope_run.run(program, robot, lambda *_: None, 'run')
 
 
 def test_non_numeric_field_is_rejected_by_name(robot):

@@ -49,6 +49,7 @@ def run_motor(program: Program, parameters: Parameters, axis: int, on_progress: 
 
     """
     placed = simulation.placed(oscilloscope_run.finest(parameters), program)
+    simulation.require_homed(placed)
     single = alone(placed)
     robot = oscilloscope_run.run(program, parameters, on_progress, 'robot', LEFT)
     machine, task = Robot(single), Transformation(single)

@@ -223,5 +223,5 @@ def outcome_of(key: tuple[str, str], effects: Sequence[str], of_model: float, va
 
 
 def _other_parameters(model: Parameters, robot: Parameters) -> tuple[str, ...]:
-    bare, flat = flatten(with_effects(robot, ())), flatten(model)
+    bare, flat = flatten(with_effects(robot, ()), absent=True), flatten(model, absent=True)
     return tuple(name for name in flat if not name.startswith('rich.') and flat[name] != bare[name])

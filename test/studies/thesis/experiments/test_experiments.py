@@ -445,6 +445,15 @@ def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
     assert bits[0] == bits[2] != bits[1]
 
 
+def test_a_robot_with_two_rotary_axes_is_compared_with_one_without(robot, rich, short_program):
+    turning = with_effects(rich, ['friction']).replace(rotary__present=True, rotary_2__present=True)
+    found = attribute(
+        short_program, Run.of(run(short_program, robot), robot), robot, turning, lambda *_: None
+    )
+    assert found.effects == ('friction',)
+    assert {'rotary.present', 'rotary_2.present'} < set(found.other_parameters)
+
+
 def test_mutually_cancelling_effects_are_shown_in_full(robot, rich, short_program):
     """The tilt of the plate compensates a part of the effect of geometric errors on the true TCP."""
     tilted = with_effects(rich.replace(rich__parallelogram=True), ['geometry', 'parallelogram'])
