@@ -85,6 +85,7 @@ RING = {
     f'bus.{name}' for name in ('timing', 'baud_rate_mbit_s', 'fibre_length_m', 'slave_delay_s', 'jitter_s')
 }
 OPTIONAL |= {'motion.tcp_speed_limit_m_s', 'drive.excitation_rms_a', 'drive.excitation_time_s'} | RING
+OPTIONAL |= {'drive.disturbance_bandwidth_hz', 'drive.disturbance_inertia_kg_m2'}
 OPTIONAL |= {
     name
     for name in FIELDS
@@ -513,6 +514,8 @@ def test_equal_values_have_equal_checksums(robot, tree, load_tree):
 
 def with_procedures(robot, name, changed):
     """Return a robot on which data of procedures count; they do not if the drives know all offsets."""
+    if name == 'drive.disturbance_inertia_kg_m2':
+        return robot.replace(drive__disturbance_bandwidth_hz=20.0)
     if not name.startswith('commissioning.'):
         return robot
     assert replace(robot, name, changed).checksum == robot.checksum

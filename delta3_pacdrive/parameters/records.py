@@ -76,6 +76,15 @@ class Drive:
         1e3,
         default=0.01,
     )
+    disturbance_bandwidth_hz: float = quantity(
+        'bandwidth of the disturbance observer (P-0-0023); 0: off', 0.0, 500.0, default=0.0
+    )
+    disturbance_inertia_kg_m2: float = quantity(
+        'nominal inertia of the disturbance observer, motor side (P-0-0024); 0: that of the current feed-forward',
+        0.0,
+        1.0,
+        default=0.0,
+    )
     excitation_rms_a: float = quantity(
         'effective value of the excitation of a running drive (P-0-0091)', 1e-3, 2.0, default=0.1
     )

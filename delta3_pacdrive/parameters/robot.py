@@ -213,9 +213,9 @@ class Parameters:
         """Digest of every value that a run depends on; participants agree if their digests are equal.
 
         Values of absent rotary axes, those of the ring without ``sercos2``, and those of a supply, of gears, of
-        joints and of drives that warm up are excluded if they are not enabled, so that the digests of such robots do
-        not change; so are those of a neutral mounting with its procedures. Without ``thermal.in_drives``, temperatures
-        follow from a run and do not change it.
+        joints, observers and drives that warm up are excluded if they are not enabled, so that the digests of such
+        robots do not change; so are those of a neutral mounting with its procedures. Without ``thermal.in_drives``,
+        temperatures follow from a run and do not change it.
         """
         values = _flat(self, len(self.rotary_axes))
         if self.bus.timing != SERCOS_2:
@@ -233,6 +233,8 @@ class Parameters:
             )
             if not is_used
         ]
+        if self.drive.disturbance_bandwidth_hz == 0.0:
+            unused.append('drive.disturbance_')
         values = {name: value for name, value in values.items() if not name.startswith(tuple(unused))}
         text = repr(sorted(values.items()))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -414,6 +416,9 @@ def rotary_axis_parameters(parameters: Parameters, number: int) -> Parameters:
             # the filters of the arms' drives are tuned to the resonances of the arms
             notch_1_frequency_hz=0.0,
             notch_2_frequency_hz=0.0,
+            # so is the disturbance observer to their inertia
+            disturbance_bandwidth_hz=0.0,
+            disturbance_inertia_kg_m2=0.0,
         ),
         mounting=Mounting(),
         commissioning=replace(

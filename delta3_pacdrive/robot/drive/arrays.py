@@ -123,6 +123,10 @@ STATE = np.dtype(
         ('speed_reference', 'f8'),  # [rad/s]
         ('speed_filtered', 'f8'),  # [rad/s]
         ('velocity_integral', 'f8'),  # [A]
+        # disturbance observer
+        ('observes', 'i8'),  # the estimate is part of the current reference
+        ('disturbance', 'f8'),  # estimated torque against the motor beyond that of the additive command [N m]
+        ('observed_speed', 'f8'),  # [rad/s], one period of the velocity loop earlier
         # [A], inputs and outputs of the notch filters in the last two periods of the velocity loop
         ('excited', 'i8'),  # the generator adds to the current set point
         ('current_added', 'f8'),  # [A], by the generator
@@ -238,6 +242,12 @@ def _smoothing(period_s: float, time_constant_s: float) -> float:
     return 1.0 if time_constant_s == 0.0 else 1.0 - math.exp(-period_s / time_constant_s)
 
 
+def _disturbance_share(p: Parameters) -> float:
+    """Return the weight of the new value in the disturbance observer; 0 without one."""
+    bandwidth_hz = p.drive.disturbance_bandwidth_hz
+    return _smoothing(p.drive.velocity_period_s, 1.0 / (math.tau * bandwidth_hz)) if bandwidth_hz else 0.0
+
+
 def _cycles(p: Parameters, seconds: float) -> int:
     return math.ceil(seconds / p.bus.cycle_time_s)
 
@@ -289,6 +299,10 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('velocity_smoothing', 'f8', lambda p: _smoothing(p.drive.velocity_period_s, p.drive.velocity_filter_s)),
     ('current_reference_smoothing', 'f8',
      lambda p: _smoothing(p.drive.current_period_s, p.drive.current_reference_filter_s)),
+    ('disturbance_share', 'f8', _disturbance_share),
+    # J / T_vel [N m s/rad]
+    ('disturbance_inertance', 'f8', lambda p: (p.drive.disturbance_inertia_kg_m2 or p.drive.feedforward_inertia_kg_m2)
+     / p.drive.velocity_period_s),
     # whether a notch filter is active
     ('notches', 'i8', lambda p: any(notch.frequency_hz > 0.0 for notch in notches(p.drive))),
     *((f'notch_{number}_{name}', 'f8', partial(_notch_coefficient, number, place))

@@ -110,6 +110,53 @@ def current_feedforward(s, c):
 
 
 @kernel
+def _take_over(current, s, c):
+    """Add a current [A] to the one that holds the load: the disturbance observer's, else the integrator's."""
+    if s.observes != 0:
+        s.disturbance += c.torque_constant * current
+    else:
+        s.velocity_integral += current
+
+
+@kernel
+def disturbance_current(speed, known, s, c):
+    """Update the disturbance observer and return the current [A] that compensates its estimate d.
+
+    With the actual current i and the current ``known`` [A] of the additive torque command,
+
+        p = LPF(K_m (i - i_known) + g J w),  d = p - g J w,  equivalent to  d = LPF(K_m (i - i_known) - J dw/dt).
+
+    The second form has no transient if J or g changes. The measured current includes every limit, so that d does not
+    wind up. The observer takes over the integrator's current when it starts, and returns it when it is switched off:
+    the sum stays continuous.
+    """
+    if c.disturbance_share == 0.0:
+        if s.observes == 0:
+            return 0.0
+        s.observes = 0
+        s.velocity_integral += s.disturbance / c.torque_constant
+        s.disturbance = 0.0
+        return 0.0
+    if s.observes == 0:
+        s.observes = 1
+        s.disturbance = c.torque_constant * s.velocity_integral
+        s.velocity_integral = 0.0
+    else:
+        inertial = c.disturbance_inertance * (speed - s.observed_speed)
+        found = c.torque_constant * (s.current - known) - inertial
+        s.disturbance += c.disturbance_share * (found - s.disturbance)
+    s.observed_speed = speed
+    return s.disturbance / c.torque_constant
+
+
+@kernel
+def reset_disturbance(s):
+    """Clear the estimate of a drive without torque, or whose torque a procedure commands."""
+    s.observes = 0
+    s.disturbance = 0.0
+
+
+@kernel
 def torque_feedforward(follows, s, c):
     """Current [A] of the additive torque command beyond the drive's own feed-forward.
 
@@ -125,9 +172,9 @@ def torque_feedforward(follows, s, c):
         way = cubic_way(s.torque_before - s.torque_before_that, now, s.next_torque - s.torque, passed)
     current = (s.torque_before + way) / c.torque_constant - current_feedforward(s, c)
     if follows and s.torque_works == 0:
-        s.velocity_integral -= current
+        _take_over(-current, s, c)
     elif not follows:
-        s.velocity_integral += current
+        _take_over(current, s, c)
     s.torque_works = 1 if follows else 0
     return current if follows else 0.0
 

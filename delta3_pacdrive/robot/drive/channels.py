@@ -82,6 +82,7 @@ _ROWS = (
     Channel('speed_reference', 'rad/s', 'output of the position loop, with feed-forward', ('speed_reference',)),
     Channel('speed_filtered', 'rad/s', 'filtered actual speed in the speed loop', ('speed_filtered',)),
     Channel('speed_integral', 'A', 'integrator of the speed loop', ('velocity_integral',)),
+    Channel('disturbance_torque', 'N m', 'estimate of the disturbance observer, motor side', ('disturbance',)),
     Channel('current_added', 'A', 'added by the generator', ('current_added',)),
     Channel('current_asked', 'A', 'I_eff requested by the speed loop, with feed-forward', ('current_asked',)),
     Channel('current_reference', 'A', 'the same after the notch filters, limited',

@@ -176,12 +176,13 @@ def _run_sample(n, start_speed, drives, i, currents):
                 # the difference would span the observer's reset
                 actual = start_speed if s.mounted == 0 else mounting.measured_speed(start_speed, s)
             given = s.state == PROCEDURE and s.procedure_power != POSITION
-            feedforward = 0.0
+            feedforward = known = 0.0
             follows = state_machine.follows(s)
             if follows:
                 feedforward = cascade.current_feedforward(s, c)
             if c.takes_torque != 0 and s.state != PROCEDURE:
-                feedforward += cascade.torque_feedforward(follows, s, c)
+                known = cascade.torque_feedforward(follows, s, c)
+                feedforward += known
             if follows:
                 if s.step % c.steps_per_position == 0:
                     cascade.position_loop(s, c)
@@ -194,8 +195,10 @@ def _run_sample(n, start_speed, drives, i, currents):
                 s.current_added = drives[i].excitation[s.step // c.steps_per_velocity]
                 feedforward += s.current_added
             if given:
+                cascade.reset_disturbance(s)
                 s.current_reference = cascade.clamp(s.procedure_current, c.current_max)
             else:
+                feedforward += cascade.disturbance_current(actual, known, s, c)
                 cascade.velocity_loop(actual, feedforward, s, c)
     before_current = s.motor_current
     carries_current = powered or s.winding_short != 0
@@ -204,6 +207,7 @@ def _run_sample(n, start_speed, drives, i, currents):
         share = _end_stage(s, c, m)
     else:
         s.stage_current = s.current = 0.0
+        cascade.reset_disturbance(s)
     if s.winding_short != 0:
         s.motor_current = winding_current(before_current, 0.0, s.speed, m)
     else:

@@ -278,6 +278,9 @@ _GROUPS = {
              'drive.feedforward_inertia_kg_m2', ALWAYS),
         _set('P-0-0022', 'Arm inertia of the shaft observer, arm side', 'kg m2',
              'drive.observer_arm_inertia_kg_m2', BEFORE_CP4),
+        _set('P-0-0023', 'Disturbance observer, bandwidth (0 off)', 'Hz', 'drive.disturbance_bandwidth_hz', ALWAYS),
+        _set('P-0-0024', 'Disturbance observer, inertia (0 as P-0-0021)', 'kg m2',
+             'drive.disturbance_inertia_kg_m2', ALWAYS),
     ),
     Group.FILTERS: (
         _set('S-0-0392', 'Velocity feedback filter', 's', 'drive.velocity_filter_s', ALWAYS),
@@ -424,6 +427,7 @@ _GROUPS = {
         _row('P-0-0075', 'Load of the brake resistor', ONE, 'resistor_load'),
         _row('P-0-0076', 'Precharge of the DC bus (0 in progress, 1 ready)', ONE, 'link_ready'),
         _row('P-0-0077', "Temperature of the motor's housing", 'degC', 'housing_degc'),
+        _row('P-0-0078', 'Estimated disturbance torque', 'N m', 'disturbance'),
     ),
     # generator in the drive, for the measurement of frequency responses
     Group.EXCITATION: (

@@ -74,7 +74,7 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
         values['drive__observer_arm_inertia_kg_m2'] = inertia
     if place == Place.CURRENT:
         values |= {'drive__velocity_gain_a_s_rad': 0.0, 'drive__velocity_integral_gain_a_rad': 0.0}
-        values |= {'drive__current_feedforward': 0.0}
+        values |= {'drive__current_feedforward': 0.0, 'drive__disturbance_bandwidth_hz': 0.0}
         values |= {f'drive__notch_{number}_frequency_hz': 0.0 for number in NUMBERS}  # of the velocity loop
     elif place == Place.SPEED:
         values |= {'drive__position_gain_rad_s_rad': 0.0, 'drive__velocity_feedforward': 1.0}

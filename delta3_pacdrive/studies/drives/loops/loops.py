@@ -4,6 +4,7 @@
     velocity   i_ref = (K_Pvel + K_Ivel T_vel / (1 - z^-1)) (w_ref - w) + FF_curr J_ff/K_m ddr  every T_vel
     current    v = (K_Pcurr + K_Icurr T_cur / (1 - z^-1)) (F_currRef i_ref - i)                 every T_cur, one later
     winding    i = phi i + (1 - phi) (v - K_m/3 w) / (R/2),  phi = exp(-T_cur R/L)              (8.2)
+    observer   d = LPF(K_m i - J_n dw/dt), d/K_m added to i_ref (with a bandwidth)                  every T_vel
     shaft      J dw/dt = K_m i - b w,  b the slope of the friction
     gear       J_m dw/dt = K_m i - b w - t,  (J - J_m) dw_a/dt = t,  t = c (theta - theta_a) + d (w - w_a), if elastic
 
@@ -63,6 +64,7 @@ _NOTCH_STATES = (
     'current_asked', 'current_asked_before', 'notched_once', 'notched_once_before', 'notched_twice',
     'notched_twice_before',
 )  # fmt: skip
+_OBSERVER_STATES = ('disturbance', 'observed_speed')  # with a disturbance observer
 _HELD_STATES = ('held_command',)  # with the timing of SERCOS II
 _GEAR_STATES = ('arm_position', 'arm_speed')
 OUTPUTS = (
@@ -114,6 +116,7 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
         *_STATES,
         *(_HELD_STATES if constants['holds_telegrams'] else ()),
         *(_NOTCH_STATES if constants['notches'] else ()),
+        *(_OBSERVER_STATES if parameters.drive.disturbance_bandwidth_hz else ()),
         *(_GEAR_STATES if shaft.gear is not None else ()),
     )
     periods = [_Period(parameters, shaft, entry, n, names=names, filters=filters) for n in range(steps)]
@@ -251,10 +254,23 @@ class _Period:
         acceleration = second / self._parameters.bus.cycle_time_s**2
         feedforward = torque / self._parameters.motor.torque_constant_n_m_a * acceleration
         asked = drive.velocity_gain_a_s_rad * error + x['velocity_integral'] + feedforward
+        if drive.disturbance_bandwidth_hz:
+            asked = asked + self._disturbance_current(speed)
         x['current_reference'] = self._notched(asked + self._given(Entry.CURRENT))
         if entry == Entry.CURRENT_SET_POINT:
             x['current_reference'] = self._input
         return asked
+
+    def _disturbance_current(self, speed: Floats) -> Floats:
+        x, drive = self.signals, self._parameters.drive
+        torque_constant = self._parameters.motor.torque_constant_n_m_a
+        inertia = drive.disturbance_inertia_kg_m2 or drive.feedforward_inertia_kg_m2
+        inertial = inertia / drive.velocity_period_s * (speed - x['observed_speed'])
+        share = _smoothing(drive.velocity_period_s, 1.0 / (math.tau * drive.disturbance_bandwidth_hz))
+        found = torque_constant * x['current'] - inertial
+        x['disturbance'] = x['disturbance'] + share * (found - x['disturbance'])
+        x['observed_speed'] = speed
+        return x['disturbance'] / torque_constant
 
     def _notched(self, asked: Floats) -> Floats:
         x = self.signals

@@ -107,6 +107,20 @@ def test_drive_on_the_bench_follows_its_equations(changes, robot, operation):
             assert share < STEP_SHARE[result.name], result.name
 
 
+@pytest.mark.parametrize('bandwidth_hz', [10.0, 40.0])
+def test_margins_of_the_bench_include_the_disturbance_observer(bandwidth_hz, robot, operation):
+    observed = robot.replace(drive__disturbance_bandwidth_hz=bandwidth_hz)
+    plain, found = (analyse(r, operation, silent)[-1] for r in (robot, observed))
+    assert found.stable
+    inside = found.measured_open.frequencies_hz <= BENCH_HZ['cascade']
+    linear = interpolated(found.measured_open.frequencies_hz, found.frequencies_hz, found.open_loop)
+    decibel, degree = distances(found.measured_open.values[inside], linear[inside])
+    assert decibel < CASCADE_DB
+    assert degree < CASCADE_DEG
+    # it costs gain margin, by more than the tolerance of the comparison
+    assert found.margins.gain_margin_db < plain.margins.gain_margin_db - CASCADE_DB
+
+
 def test_gain_margin_is_the_factor_at_which_the_drive_begins_to_swing(robot, operation):
     loop = LOOPS[1]
     margin = 10.0 ** (linear_loop(loop, robot, operation).margins.gain_margin_db / 20.0)
