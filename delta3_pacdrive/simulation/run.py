@@ -45,7 +45,7 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
 
 
 def require_homed(machine: Parameters) -> None:
-    """Raise RunError if the encoders of a simulated robot do not know its position."""
+    """Raise RunError if the encoders of a simulated ``machine`` do not know the positions of its axes."""
     if not machine.mounting.homed_at_start:
         raise RunError(
             'the axes are not homed (mounting.commissioned, mounting.encoder): a simulated program needs a '
