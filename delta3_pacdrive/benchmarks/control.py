@@ -33,6 +33,7 @@ PACKAGING, FAST = 'packaging', 'packaging_fast'
 ROUNDS = 3
 MASSES_OFF = 0.3  # relative error of all masses
 LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0  # a controller, and the settings of its learning
+OBSERVER_HZ = 10.0  # bandwidth at which the loops of the built robot are still stable
 SHAFT_SPEED_RAD_S = 10.0  # at which ``tune`` linearizes friction
 MM = 1e3
 
@@ -44,12 +45,17 @@ class Controller:
     file: str
     program: str = PACKAGING
     shaping: str = core.UNSHAPED
+    observer_hz: float = 0.0  # bandwidth of the disturbance observer
 
     def parameters(self, built: bool) -> Parameters:
         """Return the parameters; a built robot gets the arm lengths that the controller assumes."""
         built_file = 'rich' if self.file == core.THESIS_CONTROLLER else f'rich+{self.file}'
         loaded = core.load(built_file if built else self.file)
-        return loaded.replace(control__shaping=self.shaping, rich__geometry=False)
+        return loaded.replace(
+            control__shaping=self.shaping,
+            rich__geometry=False,
+            drive__disturbance_bandwidth_hz=self.observer_hz,
+        )
 
 
 CONTROLLERS = {
@@ -58,6 +64,8 @@ CONTROLLERS = {
     LEARNED: Controller(core.MODEL_CONTROLLER),
     'shaped': Controller(core.MODEL_CONTROLLER, shaping=core.SMOOTH),
     'time-optimal': Controller(core.MODEL_CONTROLLER, FAST),
+    'observer': Controller(core.THESIS_CONTROLLER, observer_hz=OBSERVER_HZ),
+    'observer+model': Controller(core.MODEL_CONTROLLER, observer_hz=OBSERVER_HZ),
 }
 NOMINAL, LIGHTER, HEAVIER, BUILT = ROBOTS = ('nominal', 'masses - 30 %', 'masses + 30 %', 'built')
 
@@ -99,21 +107,25 @@ def measure(
             except Delta3Error as error:
                 found[name][robot] = {'failed': str(error)}
     least_margins = {robot: asdict(margins(robot)) for robot in robots}
+    with_observer = {robot: asdict(margins(robot, OBSERVER_HZ)) for robot in robots}
     return {
         'program': PACKAGING,
         'time_optimal_program': FAST,
         'rounds': ROUNDS,
         'controllers': found,
         'margins': least_margins,
+        'margins_with_observer': with_observer,
     }
 
 
-def margins(robot: str) -> Kept:
+def margins(robot: str, observer_hz: float = 0.0) -> Kept:
     """Return the smallest margins of the drives on a robot, over loops, workspace, and payloads up to the rated one.
 
-    Feed-forward closes no loop, so the margins are the same for all controllers.
+    Feed-forward closes no loop, so the margins are the same for all controllers with the same ``observer_hz``, the
+    bandwidth of the disturbance observer [Hz].
     """
-    machine = _machine(core.load('rich' if robot == BUILT else None), robot)
+    known = core.load('rich' if robot == BUILT else None).replace(drive__disturbance_bandwidth_hz=observer_hz)
+    machine = _machine(known, robot)
     return margins_kept(machine, spread(machine, core.RATED_PAYLOAD_KG), SHAFT_SPEED_RAD_S)
 
 
@@ -198,13 +210,15 @@ def text(result: dict[str, Any]) -> Iterator[str]:
                 f'{figures.peak_current_a:5.2f} A {figures.rms_current_a:5.2f} A {100.0 * figures.heat:4.0f} % '
                 f'{figures.lost_j:5.1f} J {figures.cycle_s:6.3f} s {MM * figures.planning_s:7.0f} ms'
             )
-    yield (
-        f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of every controller'
-    )
-    for robot, margin in result['margins'].items():
-        kept = Kept(**margin)
-        state = '' if kept.stable else ', not stable'
-        yield (
-            f'{robot:>28} {kept.gain_db:5.1f} dB ({kept.gain_where}), '
-            f'{kept.phase_deg:4.1f} deg ({kept.phase_where}){state}'
-        )
+    for key, of in (
+        ('margins', 'every controller without observer'),
+        ('margins_with_observer', f'those with one of {OBSERVER_HZ:g} Hz'),
+    ):
+        yield f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of {of}'
+        for robot, margin in result[key].items():
+            kept = Kept(**margin)
+            state = '' if kept.stable else ', not stable'
+            yield (
+                f'{robot:>28} {kept.gain_db:5.1f} dB ({kept.gain_where}), '
+                f'{kept.phase_deg:4.1f} deg ({kept.phase_where}){state}'
+            )

@@ -75,6 +75,18 @@ def test_the_drives_are_stable_on_every_robot_and_lighter_masses_leave_less_gain
     assert built < 2.0  # the resonance of its gears: what delta3 tune --propose is for
 
 
+def test_an_observer_reduces_the_error_of_wrong_masses_at_the_cost_of_margins():
+    found = control.measure(['off', 'observer'], [control.NOMINAL, control.LIGHTER])
+    for robot in (control.NOMINAL, control.LIGHTER):
+        plain, observed = (found['controllers'][name][robot] for name in ('off', 'observer'))
+        assert observed['error_max_m'] < 0.8 * plain['error_max_m']
+        before, after = found['margins'][robot], found['margins_with_observer'][robot]
+        assert after['stable']
+        assert after['phase_deg'] < before['phase_deg']
+        assert after['gain_db'] < before['gain_db']
+    assert 'of those with one of 10 Hz' in '\n'.join(control.text(found))
+
+
 def test_learned_torques_are_learned_on_the_robot_that_is_driven():
     found = control.measure(['feed-forward', control.LEARNED], [control.NOMINAL])['controllers']
     plain, learned = (
@@ -123,7 +135,7 @@ def test_the_command_prints_a_line_for_each_robot(monkeypatch, capsys):
     monkeypatch.setattr(control, 'measure', lambda show: result)
     assert bench.main(['control']) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 4 + 4
+    assert len(lines) == 4 + 4 + 4
     assert 'masses + 30 %' in lines[3]
     assert bench.main(['control', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['controllers'] == result['controllers']

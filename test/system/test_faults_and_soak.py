@@ -39,7 +39,7 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
     # takes 15 s each time
     assert tried == expected | {('deaf', cases.State.STANDING), ('deaf', cases.State.MOVING)}
     assert {(case.kind, case.state) for case in cases.cases(supplied=True)} == tried | {
-        ('supply_dip', state) for state in states
+        (kind, state) for kind in SUPPLY_FAULTS for state in states
     }
     assert {(case.kind, case.state) for case in cases.cases(warms=True)} == tried | {
         (kind, state) for kind in THERMAL_FAULTS for state in states
