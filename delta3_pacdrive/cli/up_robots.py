@@ -140,7 +140,8 @@ def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
     loads: dict[str, Any] = {}
     if shared_clock and bags is not None:
         robot, _, _ = check_options(replace(each[0], bag=None))
-        loads = load_of_recordings([bag_of(bags, name) for name in names], robot)
+        cycles = max((one.result or {}).get('cycles', 0) for one in supervisor.now)
+        loads = load_of_recordings([bag_of(bags, name) for name in names], cycles, robot)
     return _output(options, supervisor.now, bags, supervisor.crowded, loads)
 
 
@@ -175,19 +176,21 @@ def _folder_of_bags(folder: Path | None) -> Path | None:
     return folder
 
 
-def load_of_recordings(recordings: Sequence[Path], robot: Parameters) -> dict[str, Any]:
-    """Return the load of one DC link for all robots, or why it is unknown; empty without a model of the supply."""
+def load_of_recordings(recordings: Sequence[Path], cycles: int, robot: Parameters) -> dict[str, Any]:
+    """Return the load of one DC link for all robots, or why it is unknown; empty without a model of the supply.
+
+    ``cycles`` is the number of bus cycles of the longest recording.
+    """
     from delta3_pacdrive.bringup.bringup import ENERGY_CYCLES_MAX
     from delta3_pacdrive.recording import trace_file
     from delta3_pacdrive.studies.runs.run_supply import common_supply, drives_power
 
     if not robot.supply.enabled:
         return {}
+    if cycles > ENERGY_CYCLES_MAX:  # to read them would take too long
+        return {'common_supply_unknown': f'the recordings have more than {ENERGY_CYCLES_MAX} cycles'}
     try:
-        traces = [trace_file.load(path) for path in recordings]
-        if max(len(trace.time_s) for trace in traces) > ENERGY_CYCLES_MAX:
-            raise TraceError(f'a recording has more than {ENERGY_CYCLES_MAX} cycles')
-        found = common_supply([drives_power(trace, robot) for trace in traces], robot)
+        found = common_supply([drives_power(trace_file.load(path), robot) for path in recordings], robot)
     except TraceError as error:
         return {'common_supply_unknown': str(error)}
     if found is None:

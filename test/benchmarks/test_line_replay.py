@@ -24,22 +24,22 @@ def shift():
 
 def test_the_full_simulation_takes_as_long_as_the_shift_and_misses_nothing(shift):
     again = line_replay.replay(*shift, 'robot2', 30.0, SECONDS).parts
-    told = line_replay.summary(again)
-    assert told['picked'] == told['picked_again'] > 5
-    assert told['difference_max_s'] < AGREE_S
-    assert told['late_max_s'] < 3.0 * AGREE_S
-    first = line_replay.text(told)[0]
+    summary = line_replay.summary(again)
+    assert summary['picked'] == summary['picked_again'] > 5
+    assert summary['difference_max_s'] < AGREE_S
+    assert summary['late_max_s'] < 3.0 * AGREE_S
+    first = line_replay.text(summary)[0]
     assert first == f'replay with the full simulation: {len(again)} of {len(again)} parts picked'
 
 
 def test_unreachable_part_is_reported(shift):
     line, found = shift
     late = replace(found, parts=found.parts._replace(enters_s=found.parts.enters_s - 1.2))
-    told = line_replay.summary(line_replay.replay(line, late, 'robot1', 30.0, 1.5).parts)
-    assert told['picked_again'] < told['picked']
-    assert 'the window ends at' in told['missed'][0]['reason']
+    summary = line_replay.summary(line_replay.replay(line, late, 'robot1', 30.0, 1.5).parts)
+    assert summary['picked_again'] < summary['picked']
+    assert 'the window ends at' in summary['missed'][0]['reason']
     assert any(
-        text.startswith(f'part {told["missed"][0]["part"]} missed: ') for text in line_replay.text(told)
+        text.startswith(f'part {summary["missed"][0]["part"]} missed: ') for text in line_replay.text(summary)
     )
 
 

@@ -109,7 +109,7 @@ def test_recordings_of_robots_with_one_clock_give_the_load_of_a_common_link(tmp_
     paths = [tmp_path / 'robot1.npz', tmp_path / 'robot2.npz']
     for path in paths:
         simulation.run(programs.load('experiment1', robot.motion), robot).save(path)
-    lines = load_lines(load_of_recordings(paths, robot))
+    lines = load_lines(load_of_recordings(paths, 1000, robot))
     assert lines[0].startswith('2 robots, ')
     assert [line.split(':')[0] for line in lines[1:]] == [
         'separate DC links',
@@ -117,8 +117,11 @@ def test_recordings_of_robots_with_one_clock_give_the_load_of_a_common_link(tmp_
         'mains',
         'resistor',
     ]
-    assert load_of_recordings(paths, parameters.load()) == {}
+    assert load_of_recordings(paths, 1000, parameters.load()) == {}
+    assert 'common_supply' in load_of_recordings(paths, 600_000, robot)
+    (sentence,) = load_lines(load_of_recordings(paths, 600_001, robot))
+    assert sentence.endswith('the recordings have more than 600000 cycles')
     paths[1].unlink()
-    (sentence,) = load_lines(load_of_recordings(paths, robot))
+    (sentence,) = load_lines(load_of_recordings(paths, 1000, robot))
     assert sentence.startswith('load of a common DC link unknown: ')
     assert 'robot2.npz' in sentence

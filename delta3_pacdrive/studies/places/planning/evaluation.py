@@ -92,14 +92,15 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
         loads[number] = _loads(part, parameters)
-        motions.append(_motor_motions(part, start_s, parameters))
+        if parameters.supply.enabled:
+            motions.append(_motor_motions(part, start_s, parameters))
         row = _row(planned, number, part, parameters, n=n, start_s=start_s)
         piece = _piece(planned, part, parameters, n=n, start_s=start_s, before_m=distance_m)
         rows.append(row)
         pieces.append(_thinned(piece, stride))
         distance_m += row.length_m
     load = None
-    if parameters.supply.enabled and motions:
+    if motions:
         load = load_of_motion([MotorMotion.joined(one) for one in zip(*motions, strict=True)], parameters)
     of_round = _of_round(planned, loads, parameters)
     heats = [(of_round.heat, parameters)]
